@@ -1,0 +1,33 @@
+"""Estimation of the wheel-rail contact: creep law, linear models, filter bank and fuzzy identifier.
+
+This package knows neither FMI nor the co-simulation master.
+"""
+
+from estimator.bank import FilterBank
+from estimator.contact import CreepCurve
+from estimator.fuzzy import FuzzySystem, identification_system
+from estimator.identifier import Identification, Identifier
+from estimator.kalman import LinearFilter, design_filter
+from estimator.linear_models import OperatingPoint, filter_model, operating_points, wheelset_model
+from estimator.track_spectrum import ERRI_B176, TrackSpectrum
+from estimator.tuning import NoiseModel, Tuning, tune
+
+__all__ = [
+    "ERRI_B176",
+    "CreepCurve",
+    "FilterBank",
+    "FuzzySystem",
+    "Identification",
+    "Identifier",
+    "LinearFilter",
+    "NoiseModel",
+    "OperatingPoint",
+    "TrackSpectrum",
+    "Tuning",
+    "design_filter",
+    "filter_model",
+    "identification_system",
+    "operating_points",
+    "tune",
+    "wheelset_model",
+]

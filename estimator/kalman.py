@@ -1,0 +1,146 @@
+"""Design of steady-state Kalman filters from continuous linear models.
+
+Symbols: ``F`` transition, ``H`` measurement, ``Q`` process and ``R`` measurement noise covariance of one
+step, ``P`` covariance of the predicted state, ``S`` of the innovation, ``K`` gain. The filter is
+
+    x^- = F x,   e = z - H x^-,   x = x^- + K e .
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+if TYPE_CHECKING:
+    import control
+
+__all__ = ["LinearFilter", "design_filter", "discretise", "observable_part"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LinearFilter:
+    """A steady-state Kalman filter for samples at a fixed step.
+
+    Parameters
+    ----------
+    name : the hypothesis that the filter stands for.
+    F : (s, s), H : (m, s), K : (s, m), S : (m, m), P : (s, s), Q : (s, s), R : (m, m).
+    states : names of the filter's states.
+    dropped : names of the model's states that the measurements cannot see and the filter leaves out.
+    """
+
+    name: str
+    F: Array
+    H: Array
+    K: Array
+    S: Array
+    P: Array
+    Q: Array
+    R: Array
+    states: tuple[str, ...]
+    dropped: tuple[str, ...] = ()
+
+
+def discretise(A: Array, G: Array, W: Array, h: float) -> tuple[Array, Array]:
+    """Discretise ``dx = A x dt + G dw`` exactly (Van Loan 1978).
+
+    Parameters
+    ----------
+    A : (s, s). G : (s, n). W : (n, n) two-sided intensity of the white noise. h : step, s.
+
+    Returns
+    -------
+    (F, Q) : transition (s, s) and noise covariance (s, s) of one step.
+    """
+    s = A.shape[0]
+    block = np.zeros((2 * s, 2 * s))
+    block[:s, :s] = -A
+    block[:s, s:] = G @ W @ G.T
+    block[s:, s:] = A.T
+    E = linalg.expm(block * h)
+    F = E[s:, s:].T
+    Q = F @ E[:s, s:]
+    return F, (Q + Q.T) / 2.0
+
+
+def observable_part(A: Array, C: Array, *, tolerance: float = 1e-12) -> list[int]:
+    """Return the states on which the part of ``x' = A x`` that ``C x`` can see rests, in order.
+
+    The staircase algorithm grows the space seen through C, C A, C A^2, ... by orthonormal directions.
+    It works on the *balanced* model with each output scaled to one: unscaled, entries from 1e-3 to 1e6
+    would let the units decide the rank. `tolerance` is relative to the norm of the balanced matrix.
+    """
+    balanced, D = linalg.matrix_balance(A, permute=False)
+    outputs = C @ D
+    norms = np.linalg.norm(outputs, axis=1, keepdims=True)
+    seen = linalg.orth((outputs / np.where(norms > 0.0, norms, 1.0)).T)
+    step = balanced.T / max(np.linalg.norm(balanced, 2), np.finfo(float).tiny)
+    new = seen
+    while new.shape[1] > 0:
+        grown = step @ new
+        for _ in range(2):  # twice is enough for orthogonality to rounding
+            grown = grown - seen @ (seen.T @ grown)
+        U, singular, _ = np.linalg.svd(grown, full_matrices=False)
+        new = U[:, singular > tolerance]
+        seen = np.hstack([seen, new])
+    _, _, pivots = linalg.qr(seen.T, pivoting=True, mode="economic")
+    return sorted(int(i) for i in pivots[: seen.shape[1]])
+
+
+def design_filter(model: control.StateSpace, W: Array, R: Array, h: float) -> LinearFilter:
+    """Design the steady-state filter of a continuous model on its observable part.
+
+    Parameters
+    ----------
+    model : inputs are white noises, outputs the measurements; no feedthrough.
+    W : (n, n) two-sided intensities of the inputs. R : (m, m) noise covariance of one sample.
+    h : sample time, s.
+
+    Raises
+    ------
+    ValueError
+        If states cannot be left out one by one, or no steady-state filter with decaying errors exists.
+    """
+    A, G, C = (np.asarray(M, dtype=np.float64) for M in (model.A, model.B, model.C))
+    kept = observable_part(A, C)
+    hidden = [i for i in range(A.shape[0]) if i not in kept]
+    if np.any(A[np.ix_(kept, hidden)]) or np.any(C[:, hidden]):
+        raise ValueError(
+            f"{model.name}: got an unobservable part that is a mixture of states, expected single states; "
+            f"transform the model to its Kalman decomposition first"
+        )
+    F, Q = discretise(A[np.ix_(kept, kept)], G[kept], W, h)
+    H = C[:, kept]
+    P = _predicted_covariance(F, H, Q, R, str(model.name))
+    S = H @ P @ H.T + R
+    K = linalg.solve(S, H @ P, assume_a="pos").T
+    names = model.state_labels
+    return LinearFilter(
+        str(model.name), F, H, K, S, P, Q, R, tuple(names[i] for i in kept), tuple(names[i] for i in hidden)
+    )
+
+
+def _predicted_covariance(F: Array, H: Array, Q: Array, R: Array, name: str) -> Array:
+    """Solve the Riccati equation for the predicted covariance and check that errors decay."""
+    try:
+        P = linalg.solve_discrete_are(F.T, H.T, Q, R)
+    except (linalg.LinAlgError, ValueError) as error:
+        raise ValueError(_no_filter(name, str(error))) from error
+    K = linalg.solve(H @ P @ H.T + R, H @ P, assume_a="pos").T
+    radius = float(np.max(np.abs(np.linalg.eigvals(F - F @ K @ H))))
+    if radius >= 1.0:
+        raise ValueError(_no_filter(name, f"its errors would not decay (spectral radius {radius:.9f})"))
+    return np.asarray((P + P.T) / 2.0)
+
+
+def _no_filter(name: str, reason: str) -> str:
+    return (
+        f"{name}: got no steady-state Kalman filter ({reason}), expected a detectable model whose undamped "
+        f"modes are excited; give every such mode some process noise"
+    )

@@ -1,0 +1,191 @@
+"""Operating points on the creep curve and the linear models around them.
+
+The equations are (12) to (14) of Hussain et al. (2012) with the misprints corrected as
+``docs/model.md`` explains. All models are `control.StateSpace` objects with named signals in SI units.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import control
+
+    from estimator.contact import CreepCurve
+    from fmu_wheelset.parameters import WheelsetParameters
+
+__all__ = [
+    "OperatingPoint",
+    "critical_speed",
+    "filter_model",
+    "klingel_wavelength",
+    "operating_points",
+    "wheelset_model",
+]
+
+#: Decay rate of the track offset in the filter model (13), 1/s.
+TRACK_DECAY = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """A point (creep, force) of a creep curve and the slopes there.
+
+    Parameters
+    ----------
+    name : ``"P1"`` (linear region), ``"P2"`` (maximum), ``"P3"`` (unstable region), or the user's own.
+    creep : common longitudinal creepage of both wheels.
+    force : creep force of one wheel, N.
+    g11, g22 : tangent and secant of the curve, N.
+    v : speed at which the curve holds, m/s.
+    """
+
+    name: str
+    creep: float
+    force: float
+    g11: float
+    g22: float
+    v: float
+
+
+def operating_points(
+    curve: CreepCurve, *, linear: float = 0.1, unstable: float = 2.0
+) -> tuple[OperatingPoint, OperatingPoint, OperatingPoint]:
+    """Find the three points of the paper's Fig. 2 on a creep curve.
+
+    Parameters
+    ----------
+    curve : the curve to look on.
+    linear, unstable : creep of P1 and of P3 as a multiple of the creep of the maximum.
+
+    Raises
+    ------
+    ValueError
+        If the curve has no maximum, or a multiple is on the wrong side of it.
+    """
+    if not 0.0 < linear < 1.0 < unstable:
+        raise ValueError(
+            f"operating points: got multiples linear = {linear:g} and unstable = {unstable:g}, "
+            f"expected 0 < linear < 1 < unstable; both are relative to the creep of the maximum"
+        )
+    peak = curve.peak_creep
+    at_peak = OperatingPoint(
+        # The tangent vanishes here by definition; the root finder's rounding would only hide that.
+        "P2",
+        creep=peak,
+        force=float(curve.force(peak)),
+        g11=0.0,
+        g22=float(curve.secant(peak)),
+        v=curve.v,
+    )
+    return point_at(curve, "P1", linear * peak), at_peak, point_at(curve, "P3", unstable * peak)
+
+
+def point_at(curve: CreepCurve, name: str, creep: float) -> OperatingPoint:
+    """Return the operating point of `curve` at a given `creep`."""
+    return OperatingPoint(
+        name,
+        creep=creep,
+        force=float(curve.force(creep)),
+        g11=float(curve.tangent(creep)),
+        g22=float(curve.secant(creep)),
+        v=curve.v,
+    )
+
+
+def wheelset_model(point: OperatingPoint, wheelset: WheelsetParameters) -> control.StateSpace:
+    """Return the small-signal model (12) around `point`.
+
+    States ``y, psi, y_dot, psi_dot``; input the track offset ``y_t``; outputs the yaw rate and the
+    lateral acceleration that the sensors measure.
+    """
+    import control
+
+    yaw, lateral, track = _rows(point, wheelset)
+    A = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], lateral, yaw])
+    B = np.array([[0.0], [0.0], [0.0], [track]])
+    C = np.array([[0.0, 0.0, 0.0, 1.0], lateral])
+    return control.ss(
+        A,
+        B,
+        C,
+        np.zeros((2, 1)),
+        states=["y", "psi", "y_dot", "psi_dot"],
+        inputs=["y_t"],
+        outputs=["yaw_rate", "lateral_acceleration"],
+        name=f"wheelset_{point.name}",
+    )
+
+
+def filter_model(point: OperatingPoint, wheelset: WheelsetParameters) -> control.StateSpace:
+    """Return the Kalman filter's model (13) with the measurement (14) around `point`.
+
+    States ``psi, y_dot, psi_dot, y_t, y - y_t``; inputs ``w`` (the white noise that drives the track
+    offset, m/s) and the unmodelled accelerations ``a_y`` (m/s2) and ``a_psi`` (rad/s2); outputs the
+    yaw rate and the lateral acceleration.
+    """
+    import control
+
+    (k_y, k_psi, d_y, d_psi), (_, l_psi, l_y, _), _ = _rows(point, wheelset)
+    A = np.array(
+        [
+            # psi, y_dot, psi_dot, y_t, y - y_t
+            [0.0, 0.0, 1.0, 0.0, 0.0],
+            [l_psi, l_y, 0.0, 0.0, 0.0],
+            [k_psi, d_y, d_psi, 0.0, k_y],
+            [0.0, 0.0, 0.0, -TRACK_DECAY, 0.0],
+            [0.0, 1.0, 0.0, TRACK_DECAY, 0.0],
+        ]
+    )
+    B = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 0], [-1, 0, 0]], dtype=np.float64)
+    C = np.vstack([np.eye(5)[2], A[1]])
+    return control.ss(
+        A,
+        B,
+        C,
+        np.zeros((2, 3)),
+        states=["psi", "y_dot", "psi_dot", "y_t", "y_rel"],
+        inputs=["w", "a_y", "a_psi"],
+        outputs=["yaw_rate", "lateral_acceleration"],
+        name=f"filter_{point.name}",
+    )
+
+
+def _rows(
+    point: OperatingPoint, wheelset: WheelsetParameters
+) -> tuple[tuple[float, float, float, float], tuple[float, float, float, float], float]:
+    """Return the rows of psi_ddot and y_ddot over (y, psi, y_dot, psi_dot), and psi_ddot over y_t."""
+    p, v = wheelset, point.v
+    track = 2.0 * p.L_g * p.gamma * point.g11 / (p.r0 * p.I_w)
+    yaw = (-track, -p.k_w / p.I_w, 0.0, -2.0 * p.L_g**2 * point.g11 / (v * p.I_w))
+    lateral = (0.0, 2.0 * point.g22 / p.m_w, -2.0 * point.g22 / (p.m_w * v), 0.0)
+    return yaw, lateral, track
+
+
+def critical_speed(g11: float, g22: float, wheelset: WheelsetParameters) -> float:
+    """Return the speed (m/s) above which (12) is unstable for fixed slopes ``g11, g22 > 0`` (N).
+
+    ``inf`` if it is stable at every speed, 0 if at none, as without a yaw spring.
+    """
+    if not (g11 > 0.0 and g22 > 0.0):
+        raise ValueError(
+            f"critical speed: got g11 = {g11:g} N and g22 = {g22:g} N, expected both > 0; "
+            f"at and past the peak of the creep curve no speed is stable"
+        )
+    p = wheelset
+    alpha = 2.0 * g22 / p.m_w
+    beta = 2.0 * p.L_g**2 * g11 / p.I_w
+    k = p.k_w / p.I_w
+    if k == 0.0:
+        return 0.0
+    denominator = (alpha + beta) ** 2 * p.gamma / (p.r0 * p.L_g * k) - k
+    return math.sqrt(alpha * (alpha + beta) / denominator) if denominator > 0.0 else math.inf
+
+
+def klingel_wavelength(wheelset: WheelsetParameters) -> float:
+    """Return the wavelength (m) of the kinematic motion of a free wheelset (Klingel 1883)."""
+    return 2.0 * math.pi * math.sqrt(wheelset.r0 * wheelset.L_g / wheelset.gamma)
