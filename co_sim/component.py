@@ -5,8 +5,9 @@ The life of a component, in this order::
     start(t0, h) -> exchange(u, y)* -> step(t, h, u, y)* -> close()
 
 `exchange` is called during initialisation only, as often as the master needs to settle the values
-that components pass to each other at ``t0``. `close` is called on every path, also after a failure,
-and may be called when `start` was not reached. Any exception raised by a component ends the run.
+that components pass to each other at ``t0``; the same `u` must give the same `y` each time. `close` is
+called on every path, also after a failure, and may be called when `start` was not reached. Any
+exception raised by a component ends the run.
 
 Values travel as float64 arrays in the order of the declared ports. A component reads `u`, writes
 every element of `y` and keeps neither: the master reuses both arrays.

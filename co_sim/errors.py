@@ -2,7 +2,33 @@
 
 from __future__ import annotations
 
-__all__ = ["InputError", "RunError"]
+import difflib
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+__all__ = ["Fault", "InputError", "RunError", "suggestion"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault in what the user gave.
+
+    Parameters
+    ----------
+    what : the thing at fault, such as ``"wheelset.m_w"``.
+    got, expected, remedy : the value found, the values allowed, and what to do.
+    """
+
+    what: str
+    got: str
+    expected: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.what}: got {self.got}, expected {self.expected}; {self.remedy}"
 
 
 class InputError(Exception):
@@ -15,7 +41,19 @@ class InputError(Exception):
     """
 
     def __init__(self, what: str, *, got: str, expected: str, remedy: str) -> None:
-        super().__init__(f"{what}: got {got}, expected {expected}; {remedy}")
+        fault = Fault(what, got, expected, remedy)
+        super().__init__(str(fault))
+        self.faults: tuple[Fault, ...] = (fault,)
+
+    @classmethod
+    def from_faults(cls, faults: Sequence[Fault]) -> Self:
+        """Join several faults, at least one, in one error that tells each on a line of its own."""
+        error = cls(**asdict(faults[0]))
+        error.faults = tuple(faults)
+        return error
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.faults))
 
 
 class RunError(Exception):
@@ -35,3 +73,14 @@ class RunError(Exception):
         self.time = time
         self.step = step
         self.reason = reason
+
+
+def suggestion(name: str, known: Collection[str]) -> str:
+    """Return the remedy for an unknown name: the closest known name, else the names to choose from."""
+    closest = difflib.get_close_matches(name, known, n=1)
+    if closest:
+        return f'did you mean "{closest[0]}"?'
+    if not known:
+        return "there is none to choose from"
+    shown = sorted(known)[:8]
+    return f"choose from {', '.join(shown)}{', ...' if len(known) > len(shown) else ''}"

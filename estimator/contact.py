@@ -127,3 +127,22 @@ class CreepCurve:
     def peak_adhesion(self) -> float:
         """Greatest force over the normal load."""
         return float(self.force(self.peak_creep)) / self.N
+
+    def creep_at(self, adhesion: float) -> float:
+        """Return the creepage below the peak at which F/N is `adhesion`.
+
+        Raises
+        ------
+        ValueError
+            If the curve does not reach that adhesion.
+        """
+        if not 0.0 < adhesion < self.peak_adhesion:
+            raise ValueError(
+                f"creep curve: got adhesion {adhesion:g}, expected between 0 and the maximum "
+                f"{self.peak_adhesion:.4g} at {self.v:g} m/s; ask for less"
+            )
+        return float(
+            brentq(
+                lambda creep: float(self.force(creep)) / self.N - adhesion, 0.0, self.peak_creep, xtol=1e-15
+            )
+        )

@@ -68,6 +68,14 @@ class Variable:
     low: float = 0.0
     high: float = 1.0
 
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ValueError(
+                f"variable {self.name!r}: got the interval [{self.low:g}, {self.high:g}], "
+                f"expected low < high; swap or widen its bounds"
+            )
+        _check_names(f"variable {self.name!r}", "term", [t.name for t in self.terms])
+
     def index(self, term: str) -> int:
         """Return the position of a term, by name."""
         names = [t.name for t in self.terms]
@@ -107,7 +115,8 @@ class FuzzySystem:
         Raises
         ------
         ValueError
-            If a rule names an unknown variable or term, negates its conclusion or has no condition.
+            If there are no inputs or outputs or two of one name, or if a rule names an unknown variable
+            or term, negates its conclusion or has no condition.
         """
         return CompiledFuzzySystem(self)
 
@@ -122,6 +131,8 @@ class CompiledFuzzySystem:
 
     def __init__(self, system: FuzzySystem) -> None:
         self.system = system
+        _check_names("fuzzy system", "input", [v.name for v in system.inputs])
+        _check_names("fuzzy system", "output", [v.name for v in system.outputs])
         inputs = {v.name: i for i, v in enumerate(system.inputs)}
         outputs = {v.name: i for i, v in enumerate(system.outputs)}
         clauses, conclusions = [], []
@@ -148,6 +159,12 @@ class CompiledFuzzySystem:
 
     def __call__(self, x: Array) -> Array:
         """Return the crisp outputs (outputs,) for crisp inputs (inputs,)."""
+        x = np.ascontiguousarray(x, dtype=np.float64)
+        if x.shape != (len(self.bounds),):
+            raise ValueError(
+                f"fuzzy system: got inputs of shape {x.shape}, expected ({len(self.bounds)},); "
+                f"give one number for each input variable"
+            )
         y = np.empty(len(self.grid))
         self.aggregate(x, y)
         return y
@@ -162,6 +179,14 @@ class CompiledFuzzySystem:
     def arrays(self) -> tuple[Array, Array, Indices, Indices, Array, Array]:
         """The arguments of `infer` that describe the system."""
         return self.corners, self.bounds, self.clauses, self.conclusions, self.shapes, self.grid
+
+
+def _check_names(owner: str, kind: str, names: list[str]) -> None:
+    if not names or len(set(names)) < len(names):
+        raise ValueError(
+            f"{owner}: got {kind}s [{', '.join(names)}], expected at least one and no name twice; "
+            f"give each {kind} its own name"
+        )
 
 
 def _position(names: dict[str, int], name: str, kind: str, rule: int) -> int:
@@ -241,9 +266,9 @@ def identification_system(n: int) -> FuzzySystem:
         raise ValueError(f"fuzzy system: got {n} filter(s), expected at least 2; a comparison needs two")
     level = equal_level(n)
     residual_terms = (
-        Term("small", 0.0, 0.0, 0.88 * level, 0.98 * level),
-        Term("medium", 0.88 * level, 0.98 * level, 1.02 * level, 1.12 * level),
-        Term("large", 1.02 * level, 1.12 * level, 1.0, 1.0),
+        Term("small", 0.0, 0.0, 0.92 * level, level),
+        Term("medium", 0.92 * level, level, level, 1.08 * level),
+        Term("large", level, 1.08 * level, 1.0, 1.0),
     )
     probability_terms = (
         Term("low", 0.0, 0.0, 0.0, 0.3),

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Identification:
     """What an identifier said over T samples with n filters and m measurements.
 
@@ -89,14 +89,15 @@ class Identifier:
                 f"identifier: got a fuzzy system with {len(fuzzy.inputs)} inputs and "
                 f"{len(fuzzy.outputs)} outputs, expected {n} of each for {n} filters; build it for this bank"
             )
-        if window < 1 or np.shape(weights) != (m,) or np.any(weights < 0.0) or not np.any(weights > 0.0):
+        weights = np.asarray(weights, dtype=np.float64)
+        if window < 1 or np.shape(weights) != (m,) or not (np.all(weights >= 0.0) and np.any(weights)):
             raise ValueError(
                 f"identifier: got window {window} and weights {weights}, expected window >= 1 and {m} "
                 f"weights >= 0, not all zero; one weight goes with each measurement"
             )
         self.bank = bank
         self.window = window
-        self.weights = np.asarray(weights, dtype=np.float64)
+        self.weights = weights
         self.fuzzy = fuzzy.compile()
         self.reset()
 

@@ -8,6 +8,7 @@ step, ``P`` covariance of the predicted state, ``S`` of the innovation, ``K`` ga
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,7 @@ __all__ = ["LinearFilter", "design_filter", "discretise", "observable_part"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LinearFilter:
     """A steady-state Kalman filter for samples at a fixed step.
 
@@ -48,7 +49,10 @@ class LinearFilter:
 
 
 def discretise(A: Array, G: Array, W: Array, h: float) -> tuple[Array, Array]:
-    """Discretise ``dx = A x dt + G dw`` exactly (Van Loan 1978).
+    """Discretise ``dx = A x dt + G dw`` exactly (Van Loan 1978), with doubling for stiff models.
+
+    The method carries ``exp(-A h)``, which swamps Q where a mode decays within a fraction of `h`. So Q is
+    found over ``h / 2^d``, short against the fastest mode, and doubled: ``Q(2h) = Q(h) + F Q(h) F'``.
 
     Parameters
     ----------
@@ -59,28 +63,51 @@ def discretise(A: Array, G: Array, W: Array, h: float) -> tuple[Array, Array]:
     (F, Q) : transition (s, s) and noise covariance (s, s) of one step.
     """
     s = A.shape[0]
+    fastest = float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0))
+    doublings = max(0, math.frexp(fastest * h)[1])
     block = np.zeros((2 * s, 2 * s))
     block[:s, :s] = -A
     block[:s, s:] = G @ W @ G.T
     block[s:, s:] = A.T
-    E = linalg.expm(block * h)
+    E = linalg.expm(block * (h / 2**doublings))
     F = E[s:, s:].T
     Q = F @ E[:s, s:]
+    for _ in range(doublings):
+        F, Q = F @ F, Q + F @ Q @ F.T
     return F, (Q + Q.T) / 2.0
 
 
-def observable_part(A: Array, C: Array, *, tolerance: float = 1e-12) -> list[int]:
+def natural_units(A: Array, C: Array) -> Array:
+    """Return units (s,) of the states that bring all nonzero couplings of ``x' = A x, z = C x`` together.
+
+    Least squares of the logarithms (Curtis & Reid 1972), with the units of the measurements and of time
+    free as well. Unlike balancing of A it is the same whatever units the model came in, also where one
+    part drives another and is not driven back.
+    """
+    s, m = A.shape[0], C.shape[0]
+    couplings = np.vstack([A - np.diag(np.diag(A)), C])
+    i, j = np.nonzero(couplings)
+    k = np.arange(i.size)
+    rows = np.zeros((i.size, s + m + 1))
+    rows[k, j] = 1.0
+    rows[k, i] = -1.0
+    rows[i < s, -1] = -1.0
+    logs, *_ = np.linalg.lstsq(rows, -np.log(np.abs(couplings[i, j])), rcond=None)
+    return np.asarray(np.exp(logs[:s]))
+
+
+def observable_part(A: Array, C: Array, *, tolerance: float = 1e-13) -> list[int]:
     """Return the states on which the part of ``x' = A x`` that ``C x`` can see rests, in order.
 
     The staircase algorithm grows the space seen through C, C A, C A^2, ... by orthonormal directions.
-    It works on the *balanced* model with each output scaled to one: unscaled, entries from 1e-3 to 1e6
-    would let the units decide the rank. `tolerance` is relative to the norm of the balanced matrix.
+    It works in `natural_units` with each output scaled to one: unscaled, entries from 1e-3 to 1e6 would
+    let the units decide the rank. `tolerance` is relative to the norm of the scaled A.
     """
-    balanced, D = linalg.matrix_balance(A, permute=False)
-    outputs = C @ D
+    units = natural_units(A, C)
+    scaled, outputs = A / units[:, None] * units, C * units
     norms = np.linalg.norm(outputs, axis=1, keepdims=True)
     seen = linalg.orth((outputs / np.where(norms > 0.0, norms, 1.0)).T)
-    step = balanced.T / max(np.linalg.norm(balanced, 2), np.finfo(float).tiny)
+    step = scaled.T / max(np.linalg.norm(scaled, 2), np.finfo(float).tiny)
     new = seen
     while new.shape[1] > 0:
         grown = step @ new
@@ -93,36 +120,42 @@ def observable_part(A: Array, C: Array, *, tolerance: float = 1e-12) -> list[int
     return sorted(int(i) for i in pivots[: seen.shape[1]])
 
 
-def design_filter(model: control.StateSpace, W: Array, R: Array, h: float) -> LinearFilter:
+def design_filter(model: control.StateSpace, W: Array, R: Array, h: float, *, name: str) -> LinearFilter:
     """Design the steady-state filter of a continuous model on its observable part.
 
     Parameters
     ----------
     model : inputs are white noises, outputs the measurements; no feedthrough.
     W : (n, n) two-sided intensities of the inputs. R : (m, m) noise covariance of one sample.
-    h : sample time, s.
+    h : sample time, s. name : of the hypothesis that the filter stands for.
 
     Raises
     ------
     ValueError
-        If states cannot be left out one by one, or no steady-state filter with decaying errors exists.
+        If the model has feedthrough, states cannot be left out one by one, or no steady-state filter with
+        decaying errors exists.
     """
     A, G, C = (np.asarray(M, dtype=np.float64) for M in (model.A, model.B, model.C))
+    if np.any(model.D):
+        raise ValueError(
+            f"{name}: got a model with feedthrough, expected D = 0; "
+            f"put noise that enters a measurement directly into R"
+        )
     kept = observable_part(A, C)
     hidden = [i for i in range(A.shape[0]) if i not in kept]
     if np.any(A[np.ix_(kept, hidden)]) or np.any(C[:, hidden]):
         raise ValueError(
-            f"{model.name}: got an unobservable part that is a mixture of states, expected single states; "
+            f"{name}: got an unobservable part that is a mixture of states, expected single states; "
             f"transform the model to its Kalman decomposition first"
         )
     F, Q = discretise(A[np.ix_(kept, kept)], G[kept], W, h)
     H = C[:, kept]
-    P = _predicted_covariance(F, H, Q, R, str(model.name))
+    P = _predicted_covariance(F, H, Q, R, name)
     S = H @ P @ H.T + R
     K = linalg.solve(S, H @ P, assume_a="pos").T
-    names = model.state_labels
+    labels = model.state_labels
     return LinearFilter(
-        str(model.name), F, H, K, S, P, Q, R, tuple(names[i] for i in kept), tuple(names[i] for i in hidden)
+        name, F, H, K, S, P, Q, R, tuple(labels[i] for i in kept), tuple(labels[i] for i in hidden)
     )
 
 

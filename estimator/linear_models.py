@@ -117,7 +117,7 @@ def wheelset_model(point: OperatingPoint, wheelset: WheelsetParameters) -> contr
         states=["y", "psi", "y_dot", "psi_dot"],
         inputs=["y_t"],
         outputs=["yaw_rate", "lateral_acceleration"],
-        name=f"wheelset_{point.name}",
+        name="wheelset",
     )
 
 
@@ -151,7 +151,7 @@ def filter_model(point: OperatingPoint, wheelset: WheelsetParameters) -> control
         states=["psi", "y_dot", "psi_dot", "y_t", "y_rel"],
         inputs=["w", "a_y", "a_psi"],
         outputs=["yaw_rate", "lateral_acceleration"],
-        name=f"filter_{point.name}",
+        name="filter_model",
     )
 
 

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 # undamped yaw mode is left; it moves the wheelset by less than the sensors resolve.
 _BOUNDS = ((-3.0, 3.0), (-9.0, 2.0))
 _NO_FILTER = 1e9  # cost where no filter exists: finite, so that the search turns back
-_SIMPLEX = np.array([[0.0, -4.0], [-1.0, -4.0], [0.0, -2.0]])
+_SIMPLEX = np.array([[0.0, 0.0], [-1.0, 0.0], [0.0, 2.0]])  # around the prior, powers of ten
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,47 +93,63 @@ def negative_log_likelihood(design: LinearFilter, z: Array, *, skip: int = 0) ->
 
 
 def tune(
-    model: control.StateSpace, prior: NoiseModel, z: Array, h: float, *, skip: int = 0, evaluations: int = 120
+    model: control.StateSpace,
+    prior: NoiseModel,
+    z: Array,
+    h: float,
+    *,
+    name: str,
+    skip: int = 0,
+    evaluations: int = 120,
 ) -> Tuning:
     """Find the process noise that makes a training record most likely.
 
     Parameters
     ----------
     model : filter model of the operating point.
-    prior : noise model from the track spectrum and the sensors; its process noise is scaled.
+    prior : noise model from the track spectrum and the sensors, where the search begins.
     z : (T, m) measurements recorded at that operating point. h : sample time, s.
+    name : of the hypothesis that the filter stands for.
     skip : samples at the start that do not count. evaluations : greatest number of filters tried.
 
     Raises
     ------
     ValueError
-        If the record is too short, or no filter can be designed.
+        If the record is too short, not finite or of other sensors than the model's, or if no filter can
+        be designed.
     """
     if len(z) - skip < 100:
         raise ValueError(
-            f"{model.name}: got a training record of {len(z)} samples, expected at least {skip + 100}; "
+            f"{name}: got a training record of {len(z)} samples, expected at least {skip + 100}; "
             f"make the training run longer"
+        )
+    if not np.all(np.isfinite(z)):
+        raise ValueError(
+            f"{name}: got a training record with NaN or infinity, expected finite samples; "
+            f"cut the record where the sensors or the plant failed"
         )
 
     def design(powers: Array) -> tuple[NoiseModel, LinearFilter]:
         noise = NoiseModel(
             prior.track_rate * 10.0 ** powers[0], 10.0 ** powers[1], prior.lever, prior.sensors
         )
-        return noise, design_filter(model, noise.W, noise.R, h)
+        return noise, design_filter(model, noise.W, noise.R, h, name=name)
 
     def cost(powers: Array) -> float:
         try:
-            return negative_log_likelihood(design(powers)[1], z, skip=skip)
+            candidate = design(powers)[1]
         except ValueError:
             return _NO_FILTER
+        return negative_log_likelihood(candidate, z, skip=skip)
 
-    design(_SIMPLEX[0])  # where even this fails, its reason is better than the search's
+    simplex = _SIMPLEX + [0.0, math.log10(prior.acceleration)]
+    design(simplex[0])  # where even this fails, its reason is better than the search's
     found = optimize.minimize(
         cost,
-        _SIMPLEX[0],
+        simplex[0],
         method="Nelder-Mead",
         bounds=_BOUNDS,
-        options={"initial_simplex": _SIMPLEX, "maxfev": evaluations, "xatol": 1e-2, "fatol": 1e-6},
+        options={"initial_simplex": simplex, "maxfev": evaluations, "xatol": 1e-2, "fatol": 1e-6},
     )
     noise, best = design(found.x)
     return Tuning(best, noise, float(found.fun), int(found.nfev))

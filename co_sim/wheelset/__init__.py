@@ -1,0 +1,1 @@
+"""The wheelset application of the co-simulation: track, sensors, identifier and scenarios."""

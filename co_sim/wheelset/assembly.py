@@ -1,0 +1,186 @@
+"""Builds the co-simulation of one run.
+
+Its components know each other only by their ports::
+
+drive ----> plant <---- track
+rail -----> plant ----> sensors ----> identifier
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from co_sim.component import Port
+from co_sim.errors import InputError
+from co_sim.fmu import FmuComponent
+from co_sim.signals import TimeTable
+from co_sim.system import Connection, System
+from co_sim.wheelset.identification import MEASUREMENTS, IdentifierComponent
+from co_sim.wheelset.scenario import TorqueDriven
+from co_sim.wheelset.sensors import Channel, Sensors, SensorSpec
+from co_sim.wheelset.track import TrackInput
+from fmu_wheelset import RailCondition, path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from co_sim.component import Component
+    from co_sim.wheelset.scenario import Rail, Scenario
+    from co_sim.wheelset.track import TrackProfile
+    from estimator import Identifier
+
+__all__ = ["MEASURED", "Case", "assemble", "sampling_period"]
+
+#: What each sensor measures: output of the plant and its unit, in the order of (14).
+MEASURED = dict(zip(("gyro", "accelerometer"), MEASUREMENTS, strict=True))
+
+#: Outputs of the plant that a run records.
+_OUTPUTS = (
+    "lateral_displacement",
+    "yaw_angle",
+    "lateral_velocity",
+    "yaw_rate",
+    "lateral_acceleration",
+    "relative_displacement",
+    "forward_speed",
+    "axle_twist",
+    "axle_torque",
+    "adhesion_used",
+    *(
+        f"{side}.{name}"
+        for side in ("left", "right")
+        for name in (
+            "wheel_speed",
+            "creepage_x",
+            "creepage_y",
+            "creep_force_x",
+            "creep_force_y",
+            "adhesion_used",
+            "adhesion_peak",
+            "creep_peak",
+            "g11",
+            "g22",
+        )
+    ),
+)
+_SIDES = ("left", "right")
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One co-simulation of a scenario.
+
+    Parameters
+    ----------
+    name : for results. mode : drive mode of the plant.
+    creep : prescribed creepage; 0 in the other modes.
+    rail : stretches of rail. track : under the wheelset. duration : s.
+    seed : of the sensors' noise.
+    """
+
+    name: str
+    mode: str
+    creep: float
+    rail: tuple[Rail, ...]
+    track: TrackProfile
+    duration: float
+    seed: int
+
+
+def assemble(scenario: Scenario, case: Case, identifier: Identifier | None) -> System:
+    """Return the components of a run and their connections; without identifier for training."""
+    components: dict[str, Component] = {
+        "drive": _drive(scenario, case),
+        "rail": _rail(scenario, case),
+        "track": TrackInput(case.track, ramp=scenario.track.ramp),
+        "plant": _plant(scenario, case),
+        "sensors": _sensors(scenario, case),
+    }
+    wires = list(_wires(components["rail"]))
+    if identifier is not None:
+        components["identifier"] = IdentifierComponent(identifier, period=sampling_period(scenario))
+        wires += [Connection(f"sensors.{name}", f"identifier.{name}") for name, _ in MEASURED.values()]
+    return System(components, wires)
+
+
+def _wires(rail: Component) -> Iterator[Connection]:
+    for name in ("speed", "prescribed_creepage", "traction_torque"):
+        yield Connection(f"drive.{name}", f"plant.{name}")
+    yield Connection("drive.speed", "track.speed")
+    yield Connection("track.lateral_offset", "plant.track_lateral_offset")
+    for port in rail.outputs:
+        yield Connection(f"rail.{port.name}", f"plant.{port.name}")
+    for name, _ in MEASURED.values():
+        yield Connection(f"plant.{name}", f"sensors.{name}")
+
+
+def _plant(scenario: Scenario, case: Case) -> FmuComponent:
+    """Return the wheelset FMU with the scenario's parameters."""
+    wheelset = scenario.parameters
+    parameters: dict[str, float | int | bool | str] = {
+        "drive_mode": case.mode,
+        "initial_creepage": case.creep,
+    }
+    for owner, prefix in ((wheelset, ""), (wheelset.patch, "patch.")):
+        for declared in fields(owner):
+            # The normal load is an input of the FMU, so that a vehicle could supply it.
+            if "unit" in declared.metadata and declared.name != "N":
+                parameters[prefix + declared.name] = getattr(owner, declared.name)
+    return FmuComponent(path(fmi=scenario.fmu.version), outputs=_OUTPUTS, parameters=parameters)
+
+
+def _drive(scenario: Scenario, case: Case) -> TimeTable:
+    drive = scenario.drive
+    times: tuple[float, ...] = (0.0,)
+    torque: tuple[float, ...] = (0.0,)
+    if isinstance(drive, TorqueDriven) and case.mode == drive.mode:
+        times, torque = drive.times, drive.torque
+    values = np.column_stack([np.full(len(times), drive.speed), np.full(len(times), case.creep), torque])
+    ports = [Port("speed", "m/s"), Port("prescribed_creepage"), Port("traction_torque", "N.m")]
+    return TimeTable(times, values, ports, interpolation="linear")
+
+
+def _rail(scenario: Scenario, case: Case) -> TimeTable:
+    """Return the rail conditions and normal loads over time, under both wheels."""
+    parameters = fields(RailCondition)
+    ports, columns = [], []
+    for index, side in enumerate(_SIDES):
+        conditions = [scenario.condition(stretch.sides[index]) for stretch in case.rail]
+        for declared in parameters:
+            ports.append(Port(f"rail_{side}.{declared.name}", declared.metadata["unit"]))
+            columns.append([getattr(condition, declared.name) for condition in conditions])
+        ports.append(Port(f"normal_load_{side}", "N"))
+        columns.append([scenario.parameters.N] * len(conditions))
+    times = [stretch.since for stretch in case.rail]
+    return TimeTable(times, np.array(columns).T, ports, interpolation="hold")
+
+
+def _sensors(scenario: Scenario, case: Case) -> Sensors:
+    channels = [
+        Channel(name, unit, SensorSpec(**getattr(scenario.sensors, sensor).model_dump()))
+        for sensor, (name, unit) in MEASURED.items()
+    ]
+    return Sensors(channels, seed=case.seed)
+
+
+def sampling_period(scenario: Scenario) -> int:
+    """Return the steps between two samples of the sensors.
+
+    Raises
+    ------
+    InputError
+        If the sensors differ in their rate: the filters take both measurements at once.
+    """
+    h = scenario.simulation.step
+    rates = [getattr(scenario.sensors, sensor).rate_hz or 1.0 / h for sensor in MEASURED]
+    if abs(rates[0] - rates[1]) > 1e-9 * rates[0]:
+        raise InputError(
+            "sensors",
+            got=f"rates of {rates[0]:g} Hz and {rates[1]:g} Hz",
+            expected="one rate",
+            remedy="set the same rate_hz for both",
+        )
+    return max(round(1.0 / (rates[0] * h)), 1)

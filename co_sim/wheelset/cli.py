@@ -1,0 +1,213 @@
+"""The command `wheelset`.
+
+Exit codes: 0 done, 1 a run stopped early (its results are kept), 2 a fault in what was given (nothing
+is written), 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from co_sim.errors import InputError, RunError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.progress import Progress
+
+    from co_sim.component import Vector
+    from co_sim.system import Signal
+    from co_sim.wheelset.experiment import Laboratory
+    from co_sim.wheelset.results import Experiment
+
+__all__ = ["main"]
+
+
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="""\b
+Examples:
+  wheelset run                              the packaged default: dry rail, P1, P2 and P3
+  wheelset run adhesion-drop --out drop     the other packaged scenario, results in ./drop
+  wheelset scenario default > mine.toml     a scenario file to start from
+  wheelset run mine.toml --out mine
+""",
+)
+@click.version_option(package_name="wheelset-cosim", prog_name="wheelset")
+def cli() -> None:
+    """FMI co-simulation for wheel-rail adhesion.
+
+    A nonlinear wheelset FMU, a bank of Kalman filters and a fuzzy identifier that tells from a gyro and
+    an accelerometer where on the creep curve the wheelset runs.
+    """
+
+
+@cli.command(
+    epilog="""\b
+Examples:
+  wheelset run
+  wheelset run adhesion-drop --out drop
+  wheelset run mine.toml --out mine --seed 7
+
+\b
+Writes to DIR:
+  report.html     one self-contained page: what was run, what came out, what to make of it
+  summary.json    every number of the report, the scenario, the seed and the versions
+  results.csv     all signals of all runs, units in the header
+  figures/        the figures of the report as PNG
+"""
+)
+@click.argument("scenario", default="default")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for the results.  [default: results/SCENARIO]",
+)
+@click.option("--seed", type=click.IntRange(min=0), help="Use this seed instead of the scenario's.")
+def run(scenario: str, out: Path | None, seed: int | None) -> None:
+    """Run SCENARIO: a packaged scenario by name (`default`, `adhesion-drop`) or a TOML file."""
+    from co_sim.wheelset.experiment import Laboratory
+    from co_sim.wheelset.output import check_folder, write
+    from co_sim.wheelset.scenario_file import load_scenario
+
+    try:
+        loaded, folder = load_scenario(scenario)
+        if seed is not None:
+            loaded = loaded.model_copy(update={"seed": seed})
+        name = Path(scenario).stem
+        out = out or Path("results") / name
+        check_folder(out)
+        experiment = _simulate(Laboratory(loaded, name, folder))
+    except InputError as error:
+        _refuse(error)
+    except RunError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(1)
+    with Console(stderr=True).status("Drawing figures and writing the report"):
+        write(experiment, out)
+    Console().print(_result_table(experiment))
+    click.echo(f"\n{out / 'report.html'} has the figures and what to make of them")
+    stopped = [f"{r.name}: {r.stopped}" for r in experiment.runs if r.stopped]
+    for line in stopped:
+        click.echo(f"stopped early, {line}", err=True)
+    sys.exit(1 if stopped else 0)
+
+
+def _simulate(laboratory: Laboratory) -> Experiment:
+    """Run the experiment under a progress bar, where there is a terminal to show it."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
+        return laboratory.run(observers=[_ProgressBar(bar, laboratory.steps)])
+
+
+class _ProgressBar:
+    """Observer that moves a bar on over all runs of an experiment."""
+
+    def __init__(self, bar: Progress, steps: int) -> None:
+        self._bar = bar
+        self._task = bar.add_task("Co-simulation", total=steps)
+        self._every = max(steps // 200, 1)
+
+    def begin(self, signals: Sequence[Signal], t0: float, h: float, n_steps: int) -> None:
+        """Nothing to prepare: the bar spans all runs."""
+
+    def observe(self, k: int, t: float, bus: Vector) -> None:
+        """Move on, now and then."""
+        if k % self._every == 0 and k > 0:
+            self._bar.advance(self._task, self._every)
+
+    def end(self, error: BaseException | None) -> None:
+        """Leave the bar where it is for the next run."""
+
+
+def _result_table(experiment: Experiment) -> Table:
+    """Return one row for each stretch of each run."""
+    table = Table(title=experiment.scenario.title, title_justify="left")
+    table.add_column("run")
+    table.add_column("rail")
+    table.add_column("true filter")
+    for name in experiment.filter_names:
+        table.add_column(f"{name}\nsmallest / p", justify="right")
+    table.add_column("gyro\nS/N", justify="right")
+    for stretch in experiment.stretches:
+        shares, p = stretch.share_smallest_valid, stretch.mean_probability_valid
+        ratio = stretch.signal_to_noise
+        table.add_row(
+            stretch.run,
+            f"{stretch.condition} {stretch.since:g}-{stretch.until:g} s",
+            ", ".join(stretch.expected) or "-",
+            *(f"{shares[n]:.0%} / {p[n]:.2f}" if shares and p else "-" for n in experiment.filter_names),
+            f"{ratio['gyro']:.3g}" if ratio else "-",
+        )
+    limit = experiment.scenario.identifier.valid_offset
+    table.caption = (
+        f"share of windows with the smallest residual / mean fuzzy probability, while the wheelset is within "
+        f"{limit * 1e3:g} mm of the track; S/N: rms of the true signal over the rms of the noise"
+    )
+    return table
+
+
+@cli.command(
+    epilog="""\b
+Examples:
+  wheelset scenario                         the names of the packaged scenarios
+  wheelset scenario default > mine.toml     a file to start from
+  wheelset scenario --fields                every field with its default and meaning
+"""
+)
+@click.argument("name", required=False)
+@click.option("--fields", is_flag=True, help="List every field of a scenario file.")
+def scenario(name: str | None, fields: bool) -> None:
+    """Show the packaged scenario NAME, or the names of all."""
+    from co_sim.wheelset.scenario_file import field_table, packaged_names, packaged_text
+
+    try:
+        if fields:
+            _print_fields(list(field_table()))
+        elif name is not None:
+            click.echo(packaged_text(name), nl=False)
+        else:
+            click.echo("\n".join(packaged_names()))
+    except InputError as error:
+        _refuse(error)
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command with `arguments`, by default those of the process, and exit."""
+    try:
+        cli(args=arguments, prog_name="wheelset", standalone_mode=False)
+    except click.UsageError as error:
+        error.show()
+        sys.exit(2)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted; files that are there are complete", err=True)
+        sys.exit(130)
+    except BrokenPipeError:  # the reader of the output, such as `head`, has had enough
+        sys.stderr.close()
+        sys.exit(0)
+    sys.exit(0)
+
+
+def _refuse(error: InputError) -> NoReturn:
+    for line in str(error).splitlines():
+        click.echo(f"error: {line}", err=True)
+    sys.exit(2)
+
+
+def _print_fields(rows: list[tuple[str, str, str]]) -> None:
+    table = Table("field", "default", "meaning", box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*row)
+    Console(soft_wrap=not sys.stdout.isatty()).print(table, markup=False)

@@ -1,0 +1,158 @@
+"""One self-contained HTML page: what was run, what came out, and what to make of it."""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+
+from co_sim.files import whole_file
+from co_sim.wheelset.assembly import MEASURED
+from co_sim.wheelset.prose.departures import departures
+from co_sim.wheelset.prose.findings import CLEAR_LEAD, Outcome, find, place
+from co_sim.wheelset.prose.setup import described
+from co_sim.wheelset.prose.words import capital, listed, number, percent, quantity, span
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from co_sim.wheelset.figures import Drawing
+    from co_sim.wheelset.prose.findings import Finding
+    from co_sim.wheelset.results import Experiment
+    from co_sim.wheelset.scenario import Scenario
+
+__all__ = ["scenario_toml", "write_report"]
+
+_STATE_NAMES = {
+    "psi": "yaw angle",
+    "y_dot": "lateral velocity",
+    "psi_dot": "yaw rate",
+    "y_t": "track offset",
+    "y_rel": "displacement against the track",
+}
+
+
+def write_report(
+    experiment: Experiment, drawings: Sequence[Drawing], summary: Mapping[str, Any], path: Path
+) -> None:
+    """Write the report of an experiment to `path`; the page needs no other file and no network.
+
+    Parameters
+    ----------
+    drawings : its figures, embedded in this order.
+    summary : ``"seed"`` and ``"versions"``, a version by package, are read from it.
+    """
+    page = _environment().get_template("report.html.jinja").render(_content(experiment, drawings, summary))
+    with whole_file(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("co_sim.wheelset"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "number": number,
+        "percent": percent,
+        "state_name": lambda name: _STATE_NAMES.get(name, name),
+    }
+    return environment
+
+
+def _content(
+    experiment: Experiment, drawings: Sequence[Drawing], summary: Mapping[str, Any]
+) -> dict[str, Any]:
+    scenario = experiment.scenario
+    findings = find(experiment)
+    paper = scenario.drive.mode == "prescribed_creep"
+    return {
+        "title": scenario.title or experiment.name,
+        "experiment": experiment,
+        "seed": summary["seed"],
+        "versions": summary["versions"],
+        "versions_text": listed([f"{name} {version}" for name, version in summary["versions"].items()]),
+        "findings": findings,
+        "places": [capital(place(experiment, finding.stretch)) for finding in findings],
+        "clear_lead": CLEAR_LEAD,
+        "setup": described(experiment),
+        "sensors": list(MEASURED),
+        "limit_mm": scenario.identifier.valid_offset * 1e3,
+        "dashes": _dashes(findings),
+        "departures": departures(experiment),
+        "departures_title": f"What does not come out as {'in the paper' if paper else 'it should'}, and why",
+        "drawings": [_embedded(drawing) for drawing in drawings],
+        "training_notes": _training_notes(experiment),
+        "track_file": scenario.track.file,
+        "scenario_text": scenario_toml(scenario),
+    }
+
+
+def _embedded(drawing: Drawing) -> dict[str, str]:
+    image = base64.b64encode(drawing.file.read_bytes()).decode("ascii")
+    return {"key": drawing.key, "alt": drawing.alt, "caption": drawing.caption, "image": image}
+
+
+def _dashes(findings: list[Finding]) -> list[str]:
+    """Say why there are dashes in the table of results."""
+    empty = [finding for finding in findings if finding.outcome is Outcome.EMPTY]
+    reasons = [
+        f"–: {f.stretch.run}, {f.stretch.condition} rail, {span(f.stretch.since, f.stretch.until)}: {f.text}"
+        for f in empty
+    ]
+    if any(not finding.stretch.expected for finding in findings):
+        reasons.append("– under true filter: the bank has no filter for this rail and creep.")
+    return reasons
+
+
+def _training_notes(experiment: Experiment) -> list[str]:
+    asked = experiment.scenario.identifier.training
+    short = [design.name for design in experiment.filters if design.training < 0.99 * asked]
+    if not short:
+        return []
+    sentence = (
+        f"The training of {listed(short)} is shorter than the {quantity(asked, 's')} asked for: the wheelset "
+        f"left the range of the model by then, and the rest of the record does not count."
+    )
+    return [sentence]
+
+
+def scenario_toml(scenario: Scenario) -> str:
+    """Return a scenario as a TOML text with every field, which reads back as the same scenario."""
+    values = scenario.model_dump(mode="json", exclude_none=True)
+    return "\n".join(_toml_lines(values, ())).strip() + "\n"
+
+
+def _toml_lines(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[str]:
+    """Yield the plain values of a table, then its tables and arrays of tables under their own headers."""
+    nested = {key: value for key, value in table.items() if _is_nested(value)}
+    yield from (f"{_key(key)} = {_value(value)}" for key, value in table.items() if key not in nested)
+    for key, value in nested.items():
+        inner = (*path, key)
+        header = ".".join(map(_key, inner))
+        for one in value if isinstance(value, list) else [value]:
+            if isinstance(value, list):
+                yield from ("", f"[[{header}]]")
+            elif not all(map(_is_nested, one.values())):
+                yield from ("", f"[{header}]")
+            yield from _toml_lines(one, inner)
+
+
+def _is_nested(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+
+
+def _key(key: str) -> str:
+    plain = key.isascii() and key.replace("_", "").replace("-", "").isalnum()
+    return key if plain else _value(key)
+
+
+def _value(value: Any) -> str:
+    """Return a number, text or list as TOML; its strings and numbers are those of JSON."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,84 @@
+/* One wheelset as a simulation component: memory, life cycle, variables by reference, and steps.
+ *
+ * The FMI adapters translate to and from this interface; the physics below it does not know of either. */
+#ifndef COMPONENT_H
+#define COMPONENT_H
+
+#include "wheelset.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* In the order of the FMI standards. */
+typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL } Status;
+
+/* Bits, so that a function can name all phases in which it is allowed. */
+typedef enum {
+    INSTANTIATED = 1,
+    INITIALIZATION = 2,
+    STEPPING = 4,
+    TERMINATED = 8,
+    FAILED = 16 /* a step had no solution: read, reset or free */
+} Phase;
+
+typedef enum { FLOAT64, ENUMERATION, BOOLEAN } Kind;
+typedef enum { READ_ONLY, BEFORE_RUN, ALWAYS } Settable;
+/* What must be computed before a variable can be read. */
+typedef enum { STORED, EVALUATED, PEAK_LEFT, PEAK_RIGHT } Source;
+
+typedef struct {
+    const char *name;
+    Kind kind;
+    Settable settable;
+    Source source;
+    size_t offset; /* in Component */
+    double start, minimum, maximum;
+} Variable;
+
+/* No pointers: a copy of the bytes is a copy of the state. */
+typedef struct {
+    int32_t phase;
+    int32_t evaluated; /* x_dot and outputs belong to the present states and inputs */
+    int32_t peak_known[2];
+    int32_t stop_time_defined;
+    double time, stop_time;
+    double step_size; /* proposal of the integrator */
+    Wheelset wheelset;
+    double x_dot[N_STATES];
+    Outputs outputs;
+    ContactPeak peak[2];
+    ContactState peak_at[2]; /* what the peaks belong to */
+} Component;
+
+typedef struct Instance Instance;
+struct Instance {
+    Component component;
+    void (*log)(const Instance *instance, Status status, const char *message); /* may be 0 */
+};
+
+extern const char *const INSTANTIATION_TOKEN;
+
+/* STATUS_ERROR with a message unless the instance exists and is in one of `phases`. */
+Status component_require(Instance *instance, int phases, const char *function);
+Status component_fail(Instance *instance, const char *format, ...);
+Status component_unsupported(Instance *instance, const char *function);
+
+/* Back to the start values of all variables. */
+void component_reset(Component *component);
+Status component_set_times(Instance *instance, double start_time, int stop_time_defined, double stop_time);
+Status component_enter_initialization(Instance *instance);
+Status component_exit_initialization(Instance *instance);
+
+/* Advance from `time` to `time + duration`; on failure the states stay as they were. */
+Status component_step(Instance *instance, double time, double duration);
+
+/* STATUS_ERROR with a message if an array of n > 0 elements is missing. */
+Status component_require_arrays(Instance *instance, size_t n, const void *references, const void *values);
+
+/* All reals are checked before the first one is set. */
+Status component_get_reals(Instance *instance, const uint32_t references[], size_t n, double values[]);
+Status component_set_reals(Instance *instance, const uint32_t references[], size_t n, const double values[]);
+Status component_get_integer(Instance *instance, Kind kind, uint32_t reference, int64_t *value);
+Status component_set_integer(Instance *instance, Kind kind, uint32_t reference, int64_t value);
+
+#endif

@@ -1,0 +1,252 @@
+import tempfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from co_sim import Connection, Constant, FmuComponent, InputError, Master, Port, Recorder, RunError, System
+
+
+@pytest.fixture(autouse=True)
+def temporary_folder(tmp_path, monkeypatch):
+    """Every test must leave this folder as empty as it was."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    before = Path.cwd()
+    yield folder
+    assert list(folder.iterdir()) == []
+    assert Path.cwd() == before
+
+
+def run(fmu, *, n_steps=10, h=0.25, source=None):
+    recorder = Recorder()
+    components = {"lag": fmu}
+    wires = []
+    if source is not None:
+        components["source"] = Constant([source], [Port("y", "V")])
+        wires.append(Connection("source.y", "lag.u"))
+    with Master(System(components, wires), h=h, observers=[recorder]) as master:
+        master.run(n_steps=n_steps)
+    return recorder
+
+
+def test_ports_come_from_the_description(lag_fmu):
+    fmu = FmuComponent(lag_fmu)
+    assert fmu.inputs == (Port("u", "V", 0.5),)
+    assert fmu.outputs == (Port("x", "V", None, "lagged voltage"), Port("direct", "V"))
+
+
+def test_ports_can_be_chosen_in_any_order_and_causality(lag_fmu):
+    fmu = FmuComponent(lag_fmu, inputs=[], outputs=["T", "direct"], parameters={"T": 3.0})
+    assert fmu.inputs == ()
+    assert [port.name for port in fmu.outputs] == ["T", "direct"]
+    np.testing.assert_array_equal(run(fmu, n_steps=2).table, [[3.0, 0.0]] * 3)
+
+
+@pytest.mark.parametrize("negative", [False, True])
+def test_the_exact_solution_at_every_step(lag_fmu, negative):
+    parameters = {"T": 2.0, "x0": -1.0, "negative": negative}
+    recorder = run(FmuComponent(lag_fmu, parameters=parameters), source=3.0, n_steps=40)
+    end = -3.0 if negative else 3.0
+    expected = end + (-1.0 - end) * np.exp(-recorder.time / 2.0)
+    np.testing.assert_allclose(recorder["lag.x"], expected, rtol=0, atol=1e-13)
+
+
+def test_inputs_arrive_before_the_first_step(lag_fmu):
+    recorder = run(FmuComponent(lag_fmu, parameters={"x0": 0.125}), source=3.0, n_steps=1)
+    assert recorder["lag.x"][0] == 0.125
+    assert recorder["lag.direct"].tolist() == [3.0, 3.0]
+
+
+def test_an_input_without_connection_has_the_start_value_of_the_description(lag_fmu):
+    assert run(FmuComponent(lag_fmu), n_steps=0)["lag.direct"].tolist() == [0.5]
+
+
+def test_both_versions_of_fmi_agree_bit_for_bit(lag_fmus):
+    tables = [run(FmuComponent(path, parameters={"T": 0.7}), source=1.1).table for path in lag_fmus.values()]
+    np.testing.assert_array_equal(*tables)
+
+
+def test_two_instances_keep_their_own_states(lag_fmu):
+    parts = {name: FmuComponent(lag_fmu, parameters={"x0": x0}) for name, x0 in (("a", 1.0), ("b", -1.0))}
+    recorder = Recorder()
+    with Master(System(parts), h=0.1, observers=[recorder]) as master:
+        master.run(n_steps=5)
+    alone = run(FmuComponent(lag_fmu, parameters={"x0": -1.0}), n_steps=5, h=0.1)
+    np.testing.assert_array_equal(recorder["b.x"], alone["lag.x"])
+    assert (recorder["a.x"] != recorder["b.x"]).all()
+
+
+def test_a_component_can_run_again_after_close(lag_fmu):
+    fmu = FmuComponent(lag_fmu, parameters={"x0": 1.0})
+    np.testing.assert_array_equal(run(fmu).table, run(fmu).table)
+
+
+@pytest.mark.parametrize("literal", ["warning", 1])
+def test_a_warning_does_not_stop_the_run(lag_fmu, literal):
+    troubled = FmuComponent(lag_fmu, parameters={"trouble_step": 3, "trouble": literal})
+    np.testing.assert_array_equal(run(troubled).table, run(FmuComponent(lag_fmu)).table)
+
+
+@pytest.mark.parametrize("status", ["discard", "error", "fatal", "terminate"])
+def test_other_statuses_stop_the_run_with_the_words_of_the_fmu(lag_fmu, status):
+    parameters = {"trouble_step": 3, "trouble": status, "label": "Jürgen"}
+    recorder = Recorder()
+    master = Master(
+        System({"lag": FmuComponent(lag_fmu, parameters=parameters)}), h=0.5, observers=[recorder]
+    )
+    with pytest.raises(RunError) as caught:
+        master.run(n_steps=10)
+    assert (caught.value.component, caught.value.time, caught.value.step) == ("lag", 1.5, 3)
+    assert "Jürgen had trouble in step 3" in caught.value.reason
+    assert len(recorder.time) == 4
+    assert not hasattr(caught.value, "__notes__")  # closing went well
+    if status != "terminate":
+        assert f"doStep returned the status {status}" in caught.value.reason
+
+
+def test_log_messages_go_to_the_instance_that_wrote_them(lag_fmu):
+    def troubled(label, step, status):
+        parameters = {"label": label, "trouble": status, "trouble_step": step}
+        return FmuComponent(lag_fmu, parameters=parameters)
+
+    parts = {"a": troubled("Anna", 2, "error"), "b": troubled("Bert", 1, "warning")}
+    with pytest.raises(RunError, match=r'a stopped .* its log says "Anna had trouble in step 2"$'):
+        Master(System(parts)).run(n_steps=9)
+
+
+def test_nothing_is_unpacked_before_the_start(lag_fmu, temporary_folder):
+    fmu = FmuComponent(lag_fmu)
+    assert list(temporary_folder.iterdir()) == []
+    fmu.close()
+    fmu.start(0.0, 1.0)
+    assert len(list(temporary_folder.iterdir())) == 1
+    fmu.close()
+    fmu.close()
+
+
+def test_all_faults_of_names_and_values_are_told_together(lag_fmu):
+    with pytest.raises(InputError) as caught:
+        FmuComponent(
+            lag_fmu,
+            inputs=["U", "x"],
+            outputs=["dirct", "label"],
+            parameters={
+                "t": 1.0,
+                "T": 0.0,
+                "trouble": "warnng",
+                "trouble_step": 2**31,
+                "negative": 1,
+                "label": 3,
+                "u": 1.0,
+                "x0": True,
+            },
+        )
+    lines = str(caught.value).splitlines()
+    name = lag_fmu.name
+    assert lines[0] == (
+        f'input "U" of {name}: got an unknown name, expected a name from its description; choose from u'
+    )
+    for line, expected in zip(
+        lines[1:],
+        [
+            "got a variable with causality output, expected an input",
+            'did you mean "direct"?',
+            "expected a scalar float64",
+            'parameter "t"',
+            "got 0.0, expected a finite number from 0.001 to 100 s",
+            "got 'warnng', expected one of ok, warning, discard, error, fatal, terminate",
+            "got 2147483648, expected a whole number from -1 to 2.14748e+09",
+            "got 1, expected True or False",
+            "got 3, expected a text",
+            "connect it",
+            "got True, expected a finite number from -inf to inf V",
+        ],
+        strict=True,
+    ):
+        assert expected in line
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 100.1, "1", 0.000_999])
+def test_values_out_of_bounds_are_refused(lag_fmu, value):
+    with pytest.raises(InputError, match=r"from 0\.001 to 100 s"):
+        FmuComponent(lag_fmu, parameters={"T": value})
+
+
+@pytest.mark.parametrize("value", [0.001, 100, np.float64(3.0), np.int64(3)])
+def test_values_on_the_bounds_and_of_numpy_are_taken(lag_fmu, value):
+    assert run(FmuComponent(lag_fmu, outputs=["T"], parameters={"T": value}))["lag.T"][-1] == value
+
+
+def edited(path, folder, *changes):
+    """Return a copy of an archive with changes in its description."""
+    copy = folder / "edited.fmu"
+    with zipfile.ZipFile(path) as source, zipfile.ZipFile(copy, "w") as target:
+        for item in source.infolist():
+            content = source.read(item)
+            if item.filename == "modelDescription.xml":
+                before = content
+                for old, new in changes:
+                    content = content.replace(old.encode(), new.encode())
+                assert content != before
+            target.writestr(item, content)
+    return copy
+
+
+def test_an_archive_without_a_library_for_here_is_refused(lag_fmu, tmp_path):
+    other = edited(lag_fmu, tmp_path, ('modelIdentifier="lag"', 'modelIdentifier="lead"'))
+    with pytest.raises(InputError, match=r"got no binaries/.*lead\..*expected a library for this platform"):
+        FmuComponent(other)
+
+
+def test_model_exchange_is_refused(lag_fmu, tmp_path):
+    other = edited(
+        lag_fmu,
+        tmp_path,
+        ("<CoSimulation", "<ModelExchange"),
+        (' canHandleVariableCommunicationStepSize="true"', ""),
+    )
+    with pytest.raises(InputError, match="without co-simulation"):
+        FmuComponent(other)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no archive"])
+def test_what_is_no_fmu_is_refused_in_one_line(tmp_path, content):
+    path = tmp_path / "broken.fmu"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match="expected a valid FMU archive") as caught:
+        FmuComponent(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_library_that_cannot_be_loaded_stops_the_start(lag_fmu, tmp_path):
+    copy = tmp_path / "broken.fmu"
+    with zipfile.ZipFile(lag_fmu) as source, zipfile.ZipFile(copy, "w") as target:
+        for item in source.infolist():
+            is_library = item.filename.startswith("binaries")
+            target.writestr(item, b"no library" if is_library else source.read(item))
+    with pytest.raises(RunError, match=r"lag stopped at t = 0 s \(step 0\): .*Failed to load shared library"):
+        Master(System({"lag": FmuComponent(copy)})).start()
+
+
+def test_an_fmu_that_refuses_to_be_instantiated_tells_why(lag_fmu, tmp_path):
+    stranger = edited(lag_fmu, tmp_path, ('guid="lag"', 'guid="x"'), ('Token="lag"', 'Token="x"'))
+    with pytest.raises(RunError, match=r"Failed to instantiate.*; its log says .wrong token x"):
+        Master(System({"lag": FmuComponent(stranger)})).start()
+
+
+def test_arrays_are_neither_ports_nor_parameters(lag_fmus, tmp_path):
+    array = edited(
+        lag_fmus[3],
+        tmp_path,
+        ('unit="V" start="0"/>', 'unit="V" start="0 0"><Dimension start="2"/></Float64>'),
+        ('causality="output" unit="V"/>', 'causality="output" unit="V"><Dimension start="2"/></Float64>'),
+    )
+    assert [port.name for port in FmuComponent(array).outputs] == ["x"]
+    with pytest.raises(InputError, match="got an array of type Float64, expected a scalar float64"):
+        FmuComponent(array, outputs=["direct"])
+    with pytest.raises(InputError, match="got an array of type Float64 with causality parameter"):
+        FmuComponent(array, parameters={"x0": 1.0})
