@@ -89,7 +89,8 @@ class Master:
         Raises
         ------
         InputError
-            If the values do not settle because outputs depend on themselves.
+            If a component refuses its description or the step, or the values do not settle because
+            outputs depend on themselves.
         RunError
             If a component fails or an output is not finite.
         """
@@ -101,6 +102,8 @@ class Master:
             for name, component in self.system.components.items():
                 try:
                     component.start(self.t0, self.h)
+                except InputError:
+                    raise
                 except Exception as error:
                     raise self._failure(name, error) from error
             self._settle()
@@ -246,7 +249,8 @@ class Master:
             raise RunError(signal.component, time=self.time, step=self.k, reason=reason)
 
     def _failure(self, name: str, error: Exception) -> RunError:
-        reason = f"{type(error).__name__}: {error}"
+        # A ValueError of ours is a whole sentence; other exceptions say little without their type.
+        reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
         return RunError(name, time=self.time, step=self.k, reason=reason)
 
     def _close_component(self, name: str, component: Component) -> None:

@@ -142,7 +142,7 @@ def tune(
             return _NO_FILTER
         return negative_log_likelihood(candidate, z, skip=skip)
 
-    simplex = _SIMPLEX + [0.0, math.log10(prior.acceleration)]
+    simplex = _SIMPLEX + np.array([0.0, math.log10(prior.acceleration)])
     design(simplex[0])  # where even this fails, its reason is better than the search's
     found = optimize.minimize(
         cost,

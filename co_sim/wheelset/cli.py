@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from co_sim.component import Vector
     from co_sim.system import Signal
     from co_sim.wheelset.experiment import Laboratory
-    from co_sim.wheelset.results import Experiment
+    from co_sim.wheelset.results import Experiment, Stretch
 
 __all__ = ["main"]
 
@@ -105,7 +105,10 @@ def _simulate(laboratory: Laboratory) -> Experiment:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
+    console = Console(stderr=True)
+    with Progress(
+        *columns, TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
         return laboratory.run(observers=[_ProgressBar(bar, laboratory.steps)])
 
 
@@ -131,29 +134,39 @@ class _ProgressBar:
 
 def _result_table(experiment: Experiment) -> Table:
     """Return one row for each stretch of each run."""
-    table = Table(title=experiment.scenario.title, title_justify="left")
+    limit = experiment.scenario.identifier.valid_offset
+    table = Table(
+        title=experiment.scenario.title,
+        title_justify="left",
+        caption_justify="left",
+        caption=(
+            "Share of windows in which the filter's residual was the smallest, and its mean fuzzy\n"
+            f"probability, while the wheelset was within {limit * 1e3:g} mm of the track. * true hypothesis\n"
+            "S/N: rms of the true yaw rate over the rms of the gyro's noise."
+        ),
+    )
     table.add_column("run")
     table.add_column("rail")
-    table.add_column("true filter")
+    table.add_column("time", justify="right")
     for name in experiment.filter_names:
-        table.add_column(f"{name}\nsmallest / p", justify="right")
-    table.add_column("gyro\nS/N", justify="right")
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("S/N", justify="right")
     for stretch in experiment.stretches:
-        shares, p = stretch.share_smallest_valid, stretch.mean_probability_valid
-        ratio = stretch.signal_to_noise
         table.add_row(
             stretch.run,
-            f"{stretch.condition} {stretch.since:g}-{stretch.until:g} s",
-            ", ".join(stretch.expected) or "-",
-            *(f"{shares[n]:.0%} / {p[n]:.2f}" if shares and p else "-" for n in experiment.filter_names),
-            f"{ratio['gyro']:.3g}" if ratio else "-",
+            stretch.condition,
+            f"{stretch.since:g}-{stretch.until:g} s",
+            *(_cell(stretch, name) for name in experiment.filter_names),
+            f"{stretch.signal_to_noise['gyro']:.2g}" if stretch.signal_to_noise else "-",
         )
-    limit = experiment.scenario.identifier.valid_offset
-    table.caption = (
-        f"share of windows with the smallest residual / mean fuzzy probability, while the wheelset is within "
-        f"{limit * 1e3:g} mm of the track; S/N: rms of the true signal over the rms of the noise"
-    )
     return table
+
+
+def _cell(stretch: Stretch, name: str) -> str:
+    shares, p = stretch.share_smallest_valid, stretch.mean_probability_valid
+    if shares is None or p is None:
+        return "-"
+    return f"{'*' if name in stretch.expected else ''} {shares[name]:.0%}  {p[name]:.2f}"
 
 
 @cli.command(

@@ -13,7 +13,7 @@ from co_sim.wheelset.assembly import MEASURED
 from co_sim.wheelset.prose.departures import departures
 from co_sim.wheelset.prose.findings import CLEAR_LEAD, Outcome, find, place
 from co_sim.wheelset.prose.setup import described
-from co_sim.wheelset.prose.words import capital, listed, number, percent, quantity, span
+from co_sim.wheelset.prose.words import capital, listed, number, percent, quantity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -84,7 +84,7 @@ def _content(
         "setup": described(experiment),
         "sensors": list(MEASURED),
         "limit_mm": scenario.identifier.valid_offset * 1e3,
-        "dashes": _dashes(findings),
+        "dashes": _dashes(experiment, findings),
         "departures": departures(experiment),
         "departures_title": f"What does not come out as {'in the paper' if paper else 'it should'}, and why",
         "drawings": [_embedded(drawing) for drawing in drawings],
@@ -99,15 +99,15 @@ def _embedded(drawing: Drawing) -> dict[str, str]:
     return {"key": drawing.key, "alt": drawing.alt, "caption": drawing.caption, "image": image}
 
 
-def _dashes(findings: list[Finding]) -> list[str]:
+def _dashes(experiment: Experiment, findings: list[Finding]) -> list[str]:
     """Say why there are dashes in the table of results."""
-    empty = [finding for finding in findings if finding.outcome is Outcome.EMPTY]
     reasons = [
-        f"–: {f.stretch.run}, {f.stretch.condition} rail, {span(f.stretch.since, f.stretch.until)}: {f.text}"
-        for f in empty
+        f"–: {place(experiment, finding.stretch)}: {finding.text}"
+        for finding in findings
+        if finding.outcome is Outcome.EMPTY
     ]
     if any(not finding.stretch.expected for finding in findings):
-        reasons.append("– under true filter: the bank has no filter for this rail and creep.")
+        reasons.append("– under true: the bank has no filter for this rail and creep.")
     return reasons
 
 

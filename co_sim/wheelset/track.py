@@ -328,7 +328,8 @@ class TrackInput(Component):
         """Return the faded offset (m) at the distance `s` (m) from the start."""
         if not s <= self._end:
             raise ValueError(
-                f"{self.profile.name}: got a distance of {s:.9g} m, expected at most {self.profile.length:.9g} m;"
+                f"{self.profile.name}: got a distance of {s:.9g} m,"
+                f" expected at most {self.profile.length:.9g} m;"
                 " shorten the run, lower the speed or give a longer track"
             )
         if s <= 0.0:

@@ -77,7 +77,10 @@ void component_reset(Component *component)
 
 static void invalidate(Component *component)
 {
-    component->evaluated = component->peak_known[LEFT] = component->peak_known[RIGHT] = 0;
+    component->evaluated = 0;
+    /* Peaks depend on the contact state, which is compared, and on parameters, which then are fixed. */
+    if (component->phase & (INSTANTIATED | INITIALIZATION))
+        component->peak_known[LEFT] = component->peak_known[RIGHT] = 0;
 }
 
 Status component_set_times(Instance *instance, double start_time, int stop_time_defined, double stop_time)
@@ -162,7 +165,7 @@ static const Variable *find(Instance *instance, uint32_t reference, Kind kind)
         return 0;
     }
     if (VARIABLES[reference].kind != kind) {
-        component_fail(instance, "%s: got access as a %s, expected %s; see modelDescription.xml",
+        component_fail(instance, "%s: got access as %s, expected %s; see modelDescription.xml",
                        VARIABLES[reference].name, KINDS[kind], KINDS[VARIABLES[reference].kind]);
         return 0;
     }

@@ -209,3 +209,25 @@ def test_failed_write_keeps_the_old_archive(tmp_path: Path) -> None:
         build._write_archive(archive, {"a": None})  # type: ignore[dict-item]
     assert archive.read_bytes() == before
     assert list(tmp_path.iterdir()) == [archive]
+
+
+@pytest.mark.parametrize("version", ["standard", "editable"])
+def test_build_hook_tags_the_wheel_with_its_platform(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, version: str
+) -> None:
+    pytest.importorskip("hatchling")
+    from fmu_wheelset.hatch_hook import WheelsetBuildHook
+
+    built: list[build.Target] = []
+
+    def record(*, target: build.Target) -> None:
+        built.append(target)
+
+    monkeypatch.setattr(build, "build", record)
+    data: dict[str, object] = {}
+    for target_name in ("sdist", "wheel"):
+        hook = WheelsetBuildHook(str(build.PACKAGE.parent), {}, None, None, str(tmp_path), target_name)
+        hook.initialize(version, data)
+        assert (data != {}) == (target_name == "wheel")
+    assert built == [build.host_target()]
+    assert data == {"pure_python": False, "tag": f"py3-none-{built[0].wheel_tag}"}

@@ -252,9 +252,16 @@ def test_peak_is_found_at_any_load(peak: Callable[..., Any], exponent: float, na
     assert 0.0 <= found.adhesion_peak <= CONDITIONS[name].mu_0 * (1 + 1e-9)
 
 
-def test_rising_law_has_its_peak_at_full_slip(peak: Callable[..., Any]) -> None:
+def test_rising_law_has_its_peak_at_full_slip(core: SimpleNamespace, peak: Callable[..., Any]) -> None:
     rising = RailCondition(k_A=0.01, k_S=0.01, mu_0=0.5, A=1.0, B=0.0)
-    assert peak(20.0, rising).creep_peak == 1.0
+    found = peak(20.0, rising)
+    assert found.creep_peak == 1.0
+    d = core.filled(core.State, np.array([0.0, 0.0, 1.0, 1e4, *[0.1] * 5]))
+    at = state(core, 0.0, 0.0, 20.0, N, rising)
+    arguments = map(ctypes.byref, (c_patch(core), at, found, d))
+    tangent = core.library.contact_peak_tangent(*arguments)
+    assert tangent.creep_peak == 0.0
+    assert tangent.adhesion_peak != 0.0
 
 
 def test_lifted_wheel_has_no_peak(peak: Callable[..., Any]) -> None:

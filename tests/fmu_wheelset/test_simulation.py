@@ -252,11 +252,28 @@ def test_outputs_follow_inputs_during_initialisation_and_between_steps(plant: Ma
 
 
 def test_lifted_wheel_transmits_nothing(plant: MakePlant) -> None:
-    one = plant(prescribed_creepage=0.01, normal_load_left=-100.0, lateral_displacement=1e-3).initialise()
+    one = plant(prescribed_creepage=0.01, normal_load_left=-3e4, lateral_displacement=1e-3).initialise()
     names = ("creep_force_x", "creep_force_y", "adhesion_used", "adhesion_peak", "creep_peak", "g11", "g22")
     assert one.get(*(f"left.{name}" for name in names)) == [0.0] * 7
-    right, used = one.get("right.adhesion_used", "adhesion_used")
-    assert used == pytest.approx(right, rel=1e-2)
+    force, used = one.get("right.creep_force_x", "adhesion_used")
+    assert used == force / P.N > 0.1
+    one.set(normal_load_right=0.0)
+    assert one.get("adhesion_used") == [0.0]
+
+
+def test_peak_follows_rail_load_speed_and_patch(plant: MakePlant) -> None:
+    one, peaks = plant(), []
+    for change in ({"patch.C11": 5.0}, {"normal_load_left": 6e4}, {"speed": 40.0}, {"rail_left.mu_0": 0.3}):
+        for name, value in change.items():
+            peaks.append(one.get("left.creep_peak", "right.creep_peak"))
+            one.set_named(name, value)
+        if "patch.C11" in change:
+            peaks.append(one.get("left.creep_peak", "right.creep_peak"))
+            one.initialise()
+    peaks.append(one.get("left.creep_peak", "right.creep_peak"))
+    left, right = np.array(peaks).T
+    assert list(np.flatnonzero(np.diff(left))) == [0, 2, 3, 4]
+    assert list(np.flatnonzero(np.diff(right))) == [0, 3]
 
 
 def test_time_is_the_end_of_the_last_step(plant: MakePlant) -> None:

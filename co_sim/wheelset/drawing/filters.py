@@ -8,7 +8,16 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from co_sim.wheelset.drawing.sheet import GREY, Picture, Sheet, colour, label_lines, label_margin, thin
+from co_sim.wheelset.drawing.sheet import (
+    GREY,
+    Picture,
+    Sheet,
+    colour,
+    dashes,
+    label_lines,
+    label_margin,
+    thin,
+)
 from co_sim.wheelset.drawing.timeline import (
     BOTTOM,
     LEFT,
@@ -137,7 +146,7 @@ def _draw_lines(ax: Axes, run: Run, values: Array, names: Sequence[str]) -> None
     """Draw one line for each filter, the first ones broader so that they show where lines coincide."""
     for i in range(len(names)):
         width = min(1.4 + 0.5 * (len(names) - 1 - i), 3.0)
-        ax.plot(*thin(run.time, values[:, i]), color=colour(i), linewidth=width)
+        ax.plot(*thin(run.time, values[:, i]), color=colour(i), linewidth=width, linestyle=dashes(i))
     label_lines(ax, names, values[-1], [colour(i) for i in range(len(names))])
 
 

@@ -25,6 +25,7 @@ __all__ = [
     "Picture",
     "Sheet",
     "colour",
+    "dashes",
     "envelope",
     "label_lines",
     "label_margin",
@@ -112,6 +113,11 @@ def colour(index: int) -> str:
     return COLOURS[index % len(COLOURS)]
 
 
+def dashes(index: int) -> str:
+    """Return the line style of a filter: solid until the colours are used up."""
+    return ("-", "--", ":", "-.")[index // len(COLOURS) % 4]
+
+
 def shorten(name: str, length: int = 20) -> str:
     """Return `name`, with an ellipsis in its middle if it is longer than `length` characters."""
     if len(name) <= length:
@@ -188,5 +194,12 @@ def label_lines(ax: Axes, names: Sequence[str], values: Sequence[float], colours
             weight="bold",
             size=9.0,
             annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": shade, "linewidth": 0.7, "shrinkA": 1, "shrinkB": 0},
+            arrowprops={
+                "arrowstyle": "-",
+                "color": shade,
+                "linewidth": 0.7,
+                "shrinkA": 1,
+                "shrinkB": 0,
+                "relpos": (0.0, 0.5),
+            },
         )

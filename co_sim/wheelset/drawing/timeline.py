@@ -49,7 +49,7 @@ def stretches_of(experiment: Experiment, run: Run) -> list[Stretch]:
 def rail_name(run: Run, stretch: Stretch, width: float) -> str:
     """Return the name of a stretch, as long as it fits on axes of that width (inches)."""
     share = (stretch.until - stretch.since) / max(run.time[-1], 1e-9)
-    return shorten(stretch.condition, max(int(share * width / 0.08), 3))
+    return shorten(stretch.condition, max(int(share * width / 0.095), 3))
 
 
 def mark_rails(ax: Axes, experiment: Experiment, run: Run, *, label: bool) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from co_sim.wheelset.assembly import MEASURED
-from co_sim.wheelset.prose.findings import Finding, Outcome, counted, find, place, valid_windows
+from co_sim.wheelset.prose.findings import Finding, Outcome, counted, find, place, resolution, valid_windows
 from co_sim.wheelset.prose.words import capital, listed, number, percent, quantity
 
 if TYPE_CHECKING:
@@ -55,16 +55,15 @@ def _about(experiment: Experiment, run: Run, finding: Finding) -> list[Departure
             heading = f"{listed(stretch.expected)} does not have the smallest residual throughout"
             reasons = _misses(experiment, run, stretch)
         case Outcome.UNDECIDED:
-            heading = f"{finding.ranking[0]} and {finding.ranking[1]} are not told apart"
+            heading = f"no decision between {finding.ranking[0]} and {finding.ranking[1]}"
             reasons = _undecided(experiment, run, finding)
         case Outcome.MISTAKEN:
             heading = f"taken for {finding.ranking[0]}"
             reasons = _mistaken(experiment, run, finding)
-        case Outcome.UNKNOWN | Outcome.EMPTY:
-            heading = finding.outcome.value
-            reasons = [finding.text]
-    reasons += _past_maximum(stretch)
-    return [Departure(f"{where}: {heading}", " ".join(reasons))] if reasons else []
+        case _:
+            heading, reasons = finding.outcome.value, []
+    amiss = {heading: reasons, "the wheels slip": _past_maximum(stretch)}
+    return [Departure(f"{where}: {what}", " ".join(why)) for what, why in amiss.items() if why]
 
 
 def _leaves_range(run: Run) -> bool:
@@ -95,15 +94,18 @@ def _misses(experiment: Experiment, run: Run, stretch: Stretch) -> list[str]:
 
 
 def _undecided(experiment: Experiment, run: Run, finding: Finding) -> list[str]:
-    stretch = finding.stretch
+    stretch, margin = finding.stretch, finding.margin or 0.0
     faint = _faint_signal(run, stretch)
     share = sum((stretch.share_smallest_valid or {})[name] for name in stretch.expected)
+    apart = f"The smallest residual and the next are {number(margin, 2)} of the level apart"
     if faint:
-        verdict = "To prefer one of them on this evidence would be to invent a confidence that is not there."
+        verdict = f"{apart}; to prefer a filter on this evidence would be to invent a confidence."
+    elif margin >= resolution(experiment.fuzzy):
+        verdict = f"{apart}, which is clear: it is the rules that leave it undecided."
     elif share >= _STEADY_SHARE:
-        verdict = "The margin is small but steady: the true filter comes first in almost every window."
+        verdict = f"{apart}, little but steadily: the true filter comes first in almost every window."
     else:
-        verdict = "The order of the residuals changes from window to window and says nothing."
+        verdict = f"{apart}, and which comes first changes from window to window."
     reasons = faint or _slopes(experiment, *finding.ranking[:2]) + _varying_slope(experiment, run, stretch)
     return [*reasons, *_all_small(experiment, run, stretch), verdict]
 

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from co_sim.wheelset.results import Experiment, Run, Stretch
+    from estimator import FuzzySystem
 
-__all__ = ["CLEAR_LEAD", "Finding", "Outcome", "counted", "find", "place", "valid_windows"]
+__all__ = ["CLEAR_LEAD", "Finding", "Outcome", "counted", "find", "place", "resolution", "valid_windows"]
 
 #: Lead of one mean probability over the next that counts as an answer.
 CLEAR_LEAD = 0.1
@@ -90,7 +91,7 @@ def _outcome(experiment: Experiment, stretch: Stretch, ranking: tuple[str, ...],
     p = stretch.mean_probability_valid or {}
     if not stretch.expected:
         return Outcome.UNKNOWN
-    if margin < _resolution(experiment) or p[ranking[0]] - p[ranking[1]] < CLEAR_LEAD:
+    if margin < resolution(experiment.fuzzy) or p[ranking[0]] - p[ranking[1]] < CLEAR_LEAD:
         return Outcome.UNDECIDED
     return Outcome.IDENTIFIED if ranking[0] in stretch.expected else Outcome.MISTAKEN
 
@@ -141,8 +142,8 @@ def _why_empty(experiment: Experiment, run: Run, stretch: Stretch) -> str:
     )
 
 
-def _resolution(experiment: Experiment) -> float:
+def resolution(fuzzy: FuzzySystem) -> float:
     """Return the distance, over the level 1/sqrt(n), across which "small" fades out in the fuzzy system."""
-    residual = experiment.fuzzy.inputs[0]
+    residual = fuzzy.inputs[0]
     small = residual.terms[residual.index("small")]
-    return (small.d - small.c) * math.sqrt(len(experiment.fuzzy.inputs))
+    return (small.d - small.c) * math.sqrt(len(fuzzy.inputs))

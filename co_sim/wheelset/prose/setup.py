@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from co_sim.wheelset.prose.words import listed, quantity
-from co_sim.wheelset.scenario import FreeRolling, PrescribedCreep, TorqueDriven
+from co_sim.wheelset.scenario import FreeRolling, PrescribedCreep
 
 if TYPE_CHECKING:
     from co_sim.wheelset.results import Experiment
@@ -48,7 +48,7 @@ def _rail(scenario: Scenario) -> str:
     if len(scenario.rail) == 1:
         return f"{_sides(scenario.rail[0])} throughout."
     told = [f"{_sides(rail)} from {quantity(rail.since, 's')}" for rail in scenario.rail]
-    return f"{listed(told)}."
+    return f"{'; '.join(told)}."
 
 
 def _sides(rail: Rail) -> str:
@@ -59,29 +59,24 @@ def _sides(rail: Rail) -> str:
 def _drive(experiment: Experiment) -> str:
     drive = experiment.scenario.drive
     speed = f"at {quantity(drive.speed, 'm/s')} ({quantity(3.6 * drive.speed, 'km/h')})"
-    match drive:
-        case PrescribedCreep():
-            points = [
-                f"{run.name} ({quantity(100.0 * run.point.creep, '%')} creep)"
-                for run in experiment.runs
-                if run.point
-            ]
-            runs = "one run" if len(points) == 1 else "one run at each of"
-            return (
-                f"A common longitudinal creepage imposed on both wheels {speed}: "
-                f"{runs}{' at' if len(points) == 1 else ''} {listed(points)}."
-            )
-        case FreeRolling():
-            return f"Free rolling {speed}: no creepage but what the wheelset's own motion makes."
-        case TorqueDriven():
-            corners = [
-                f"{quantity(torque, 'N m')} at {quantity(time, 's')}"
-                for time, torque in zip(drive.times, drive.torque, strict=True)
-            ]
-            return (
-                f"A torque on the axle, {listed(corners)}, linear in between and constant after; the speed "
-                f"is held {speed}."
-            )
+    if isinstance(drive, PrescribedCreep):
+        points = [
+            f"{run.name} ({quantity(100.0 * run.point.creep, '%')} creep)"
+            for run in experiment.runs
+            if run.point
+        ]
+        runs = "one run at" if len(points) == 1 else "one run at each of"
+        return f"A common longitudinal creepage imposed on both wheels {speed}: {runs} {listed(points)}."
+    if isinstance(drive, FreeRolling):
+        return f"Free rolling {speed}: no creepage but what the wheelset's own motion makes."
+    corners = [
+        f"{quantity(torque, 'N m')} at {quantity(time, 's')}"
+        for time, torque in zip(drive.times, drive.torque, strict=True)
+    ]
+    return (
+        f"A torque on the axle, {listed(corners)}, linear in between and constant after; the speed is held "
+        f"{speed}."
+    )
 
 
 def _track(scenario: Scenario) -> str:

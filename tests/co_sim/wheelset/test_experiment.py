@@ -130,7 +130,10 @@ def test_measured_track_is_used_and_must_be_long_enough(tmp_path: Path) -> None:
     [
         ('[drive]\nmode = "prescribed_creep"\nspeed = 1e-3', "without a maximum"),
         (
-            '[identifier]\nfilters = [{condition = "low", adhesion = 0.2}, {condition = "dry", point = "P1"}]',
+            """
+            [identifier]
+            filters = [{condition = "low", adhesion = 0.2}, {condition = "dry", point = "P1"}]
+            """,
             "less than the maximum of 0.05949",
         ),
         ('[track]\nfile = "nowhere.csv"', "nowhere.csv"),
