@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import click
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -92,7 +93,9 @@ def run(scenario: str, out: Path | None, seed: int | None) -> None:
         sys.exit(1)
     with Console(stderr=True).status("Drawing figures and writing the report"):
         write(experiment, out)
-    Console().print(_result_table(experiment))
+    console = Console(highlight=False)
+    console.print(_result_table(experiment))
+    console.print(_legend(experiment))
     click.echo(f"\n{out / 'report.html'} has the figures and what to make of them")
     stopped = [f"{r.name}: {r.stopped}" for r in experiment.runs if r.stopped]
     for line in stopped:
@@ -134,18 +137,8 @@ class _ProgressBar:
 
 def _result_table(experiment: Experiment) -> Table:
     """Return one row for each stretch of each run."""
-    limit = experiment.scenario.identifier.valid_offset
-    table = Table(
-        title=experiment.scenario.title,
-        title_justify="left",
-        caption_justify="left",
-        caption=(
-            "Share of windows in which the filter's residual was the smallest, and its mean fuzzy\n"
-            f"probability, while the wheelset was within {limit * 1e3:g} mm of the track. * true hypothesis\n"
-            "S/N: rms of the true yaw rate over the rms of the gyro's noise."
-        ),
-    )
-    table.add_column("run")
+    table = Table(title=experiment.scenario.title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("run", no_wrap=True)
     table.add_column("rail")
     table.add_column("time", justify="right")
     for name in experiment.filter_names:
@@ -160,6 +153,15 @@ def _result_table(experiment: Experiment) -> Table:
             f"{stretch.signal_to_noise['gyro']:.2g}" if stretch.signal_to_noise else "-",
         )
     return table
+
+
+def _legend(experiment: Experiment) -> str:
+    limit = experiment.scenario.identifier.valid_offset
+    return (
+        f"Share of windows in which the filter's residual was the smallest, and its mean fuzzy probability, "
+        f"while the wheelset was within {limit * 1e3:g} mm of the track. * true hypothesis. "
+        f"S/N: rms of the true yaw rate over the rms of the gyro's noise."
+    )
 
 
 def _cell(stretch: Stretch, name: str) -> str:
