@@ -138,17 +138,16 @@ class _ProgressBar:
 def _result_table(experiment: Experiment) -> Table:
     """Return one row for each stretch of each run."""
     table = Table(title=experiment.scenario.title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("run", no_wrap=True)
+    several = len(experiment.runs) > 1
+    table.add_column("run" if several else "time", no_wrap=True)
     table.add_column("rail")
-    table.add_column("time", justify="right")
     for name in experiment.filter_names:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("S/N", justify="right")
     for stretch in experiment.stretches:
         table.add_row(
-            stretch.run,
+            stretch.run if several else f"{stretch.since:g}-{stretch.until:g} s",
             stretch.condition,
-            f"{stretch.since:g}-{stretch.until:g} s",
             *(_cell(stretch, name) for name in experiment.filter_names),
             f"{stretch.signal_to_noise['gyro']:.2g}" if stretch.signal_to_noise else "-",
         )

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import base64
-import json
 from typing import TYPE_CHECKING, Any
 
 import jinja2
+import tomli_w
 
 from co_sim.files import whole_file
 from co_sim.wheelset.assembly import MEASURED
@@ -16,7 +16,7 @@ from co_sim.wheelset.prose.setup import described
 from co_sim.wheelset.prose.words import capital, listed, number, percent, quantity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from co_sim.wheelset.figures import Drawing
@@ -125,34 +125,4 @@ def _training_notes(experiment: Experiment) -> list[str]:
 
 def scenario_toml(scenario: Scenario) -> str:
     """Return a scenario as a TOML text with every field, which reads back as the same scenario."""
-    values = scenario.model_dump(mode="json", exclude_none=True)
-    return "\n".join(_toml_lines(values, ())).strip() + "\n"
-
-
-def _toml_lines(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[str]:
-    """Yield the plain values of a table, then its tables and arrays of tables under their own headers."""
-    nested = {key: value for key, value in table.items() if _is_nested(value)}
-    yield from (f"{_key(key)} = {_value(value)}" for key, value in table.items() if key not in nested)
-    for key, value in nested.items():
-        inner = (*path, key)
-        header = ".".join(map(_key, inner))
-        for one in value if isinstance(value, list) else [value]:
-            if isinstance(value, list):
-                yield from ("", f"[[{header}]]")
-            elif not all(map(_is_nested, one.values())):
-                yield from ("", f"[{header}]")
-            yield from _toml_lines(one, inner)
-
-
-def _is_nested(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
-
-
-def _key(key: str) -> str:
-    plain = key.isascii() and key.replace("_", "").replace("-", "").isalnum()
-    return key if plain else _value(key)
-
-
-def _value(value: Any) -> str:
-    """Return a number, text or list as TOML; its strings and numbers are those of JSON."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))

@@ -78,6 +78,16 @@ class Run:
     valid_until: float
     stopped: str | None = None
 
+    def windows(self, since: float, until: float, window: float) -> NDArray[np.bool_]:
+        """Return where (T,) a moving window ends that lies between two times; all in s."""
+        half_step = (self.time[1] - self.time[0]) / 2.0 if len(self.time) > 1 else 0.0
+        return np.asarray((self.time >= since + window - half_step) & (self.time <= until + half_step))
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where (T,) the wheelset has not yet left the range of the model."""
+        return np.asarray(self.time <= self.valid_until)
+
     @property
     def table(self) -> Array:
         """All signals, (T, signals)."""
@@ -100,11 +110,12 @@ class Stretch:
     windows, valid_windows : number of windows (one ends at each step), and of those that end before the
         wheelset left the range of the model.
     share_smallest, share_smallest_valid : by filter, share of the windows in which its residual was the
-        smallest; the latter of the valid windows, ``None`` if there are none.
-    mean_residual, mean_probability, mean_probability_valid : by filter.
-    margin : mean distance from the smallest to the second smallest residual, over the level 1/sqrt(n).
+        smallest; ``None`` without windows. Names in ``_valid`` are over the valid windows only.
+    mean_probability, mean_probability_valid, mean_residual_valid : by filter.
+    margin : mean distance from the smallest to the second smallest residual over the level 1/sqrt(n),
+        valid windows.
     signal_to_noise : by sensor, rms of the true signal over the rms of the noise, valid windows.
-    truth : by output of the plant, mean over the windows.
+    truth : by output of the plant, mean over the valid windows.
     """
 
     run: str
@@ -116,9 +127,9 @@ class Stretch:
     valid_windows: int
     share_smallest: dict[str, float] | None
     share_smallest_valid: dict[str, float] | None
-    mean_residual: dict[str, float] | None
     mean_probability: dict[str, float] | None
     mean_probability_valid: dict[str, float] | None
+    mean_residual_valid: dict[str, float] | None
     margin: float | None
     signal_to_noise: dict[str, float] | None
     truth: dict[str, float] | None
@@ -172,9 +183,8 @@ def _assess_stretch(
     since: float,
     until: float,
 ) -> Stretch:
-    half_step = scenario.simulation.step / 2.0
-    full = (run.time >= since + scenario.identifier.window - half_step) & (run.time <= until + half_step)
-    valid = full & (run.time <= run.valid_until)
+    full = run.windows(since, until, scenario.identifier.window)
+    valid = full & run.valid
     names = tuple(f.name for f in filters)
 
     def by_filter(values: Array, where: NDArray[np.bool_]) -> dict[str, float] | None:
@@ -192,10 +202,10 @@ def _assess_stretch(
         valid_windows=int(valid.sum()),
         share_smallest=by_filter(smallest, full),
         share_smallest_valid=by_filter(smallest, valid),
-        mean_residual=by_filter(run.E, full),
         mean_probability=by_filter(run.probabilities, full),
         mean_probability_valid=by_filter(run.probabilities, valid),
-        margin=float(np.mean(best_two[full, 1] - best_two[full, 0])) if full.any() else None,
+        mean_residual_valid=by_filter(run.E, valid),
+        margin=float(np.mean(best_two[valid, 1] - best_two[valid, 0])) if valid.any() else None,
         signal_to_noise=_signal_to_noise(run, scenario, valid),
         truth={name: float(run.signals[f"plant.{name}"][full].mean()) for name in TRUTH}
         if full.any()

@@ -94,7 +94,7 @@ def _misses(experiment: Experiment, run: Run, stretch: Stretch) -> list[str]:
 
 
 def _undecided(experiment: Experiment, run: Run, finding: Finding) -> list[str]:
-    stretch, margin = finding.stretch, finding.margin or 0.0
+    stretch, margin = finding.stretch, finding.stretch.margin or 0.0
     faint = _faint_signal(run, stretch)
     share = sum((stretch.share_smallest_valid or {})[name] for name in stretch.expected)
     apart = f"The smallest residual and the next are {number(margin, 2)} of the level apart"
@@ -107,7 +107,7 @@ def _undecided(experiment: Experiment, run: Run, finding: Finding) -> list[str]:
     else:
         verdict = f"{apart}, and which comes first changes from window to window."
     reasons = faint or _slopes(experiment, *finding.ranking[:2]) + _varying_slope(experiment, run, stretch)
-    return [*reasons, *_all_small(experiment, run, stretch), verdict]
+    return [*reasons, *_all_small(experiment, stretch), verdict]
 
 
 def _mistaken(experiment: Experiment, run: Run, finding: Finding) -> list[str]:
@@ -155,10 +155,9 @@ def _ratios(ratios: dict[str, float]) -> str:
     return listed([f"{number(ratio, 2)} at the {sensor}" for sensor, ratio in ratios.items()])
 
 
-def _all_small(experiment: Experiment, run: Run, stretch: Stretch) -> list[str]:
+def _all_small(experiment: Experiment, stretch: Stretch) -> list[str]:
     """Say that a hopeless filter pulls all others below the level."""
-    E = run.E[valid_windows(run, stretch, experiment.scenario.identifier.window)]
-    residuals = dict(zip(experiment.filter_names, map(float, E.mean(axis=0)), strict=True))
+    residuals = stretch.mean_residual_valid or {}
     variable = experiment.fuzzy.inputs[0]
     small = variable.terms[variable.index("small")]
     together = [name for name, value in residuals.items() if value < small.c]

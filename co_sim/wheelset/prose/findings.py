@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from co_sim.wheelset.prose.words import listed, number, percent, quantity, span
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from co_sim.wheelset.results import Experiment, Run, Stretch
@@ -41,14 +40,12 @@ class Finding:
     ----------
     stretch : what is judged. outcome : the judgement. text : the judgement in a sentence or two.
     ranking : names of the filters by falling mean probability; empty without valid windows.
-    margin : mean distance from the smallest to the second smallest residual over the level 1/sqrt(n).
     """
 
     stretch: Stretch
     outcome: Outcome
     text: str
     ranking: tuple[str, ...] = ()
-    margin: float | None = None
 
 
 def find(experiment: Experiment) -> list[Finding]:
@@ -59,9 +56,7 @@ def find(experiment: Experiment) -> list[Finding]:
 
 def valid_windows(run: Run, stretch: Stretch, window: float) -> NDArray[np.bool_]:
     """Return where (T,) a window of a run ends that lies on the stretch and within the model's range."""
-    half_step = (run.time[1] - run.time[0]) / 2.0 if len(run.time) > 1 else 0.0
-    inside = (run.time >= stretch.since + window - half_step) & (run.time <= stretch.until + half_step)
-    return np.asarray(inside & (run.time <= run.valid_until))
+    return run.windows(stretch.since, stretch.until, window) & run.valid
 
 
 def place(experiment: Experiment, stretch: Stretch) -> str:
@@ -76,15 +71,12 @@ def _judge(experiment: Experiment, run: Run, stretch: Stretch) -> Finding:
     p, shares = stretch.mean_probability_valid, stretch.share_smallest_valid
     if p is None or shares is None:
         return Finding(stretch, Outcome.EMPTY, _why_empty(experiment, run, stretch))
-    E = run.E[valid_windows(run, stretch, experiment.scenario.identifier.window)]
-    best_two = np.sort(E, axis=1)[:, :2]
-    margin = float(np.mean(best_two[:, 1] - best_two[:, 0]) * math.sqrt(E.shape[1]))
-    residuals = dict(zip(experiment.filter_names, E.mean(axis=0), strict=True))
+    residuals, margin = stretch.mean_residual_valid or {}, stretch.margin or 0.0
     # Equal probabilities are ranked by residual: the rules know only a few degrees of small.
     ranking = tuple(sorted(p, key=lambda name: (-round(p[name], 2), residuals[name])))
     outcome = _outcome(experiment, stretch, ranking, margin)
     text = _judgement(stretch, outcome, ranking, margin)
-    return Finding(stretch, outcome, text, ranking, margin)
+    return Finding(stretch, outcome, text, ranking)
 
 
 def _outcome(experiment: Experiment, stretch: Stretch, ranking: tuple[str, ...], margin: float) -> Outcome:

@@ -153,7 +153,7 @@ def test_p2_is_undecided_for_want_of_signal(paper, write):
     finding = find(paper)[1]
     assert finding.outcome is Outcome.UNDECIDED
     assert set(finding.ranking[:2]) == {"dry-P1", "dry-P2"}
-    assert finding.margin == pytest.approx(0.003 / 0.999 * 3**0.5, rel=0.1)
+    assert finding.stretch.margin == pytest.approx(0.003 / 0.999 * 3**0.5, rel=0.1)
     (text,) = [t for h, t in headed(paper).items() if h.startswith("Run P2")]
     assert "signal-to-noise ratio (rms) is 0.004 at the gyro and 0.004 at the accelerometer" in text
     assert "the tangent g11 is zero" in text
