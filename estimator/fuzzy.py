@@ -255,47 +255,32 @@ def infer(  # pragma: no cover - compiled
 
 
 def identification_system(n: int) -> FuzzySystem:
-    """Return the rules that turn n normalised residuals E1..En into probabilities p1..pn.
+    """Return the rules that turn n residuals D1..Dn, each against its best rival, into probabilities p1..pn.
 
-    The terms of the residuals are placed relative to ``1/sqrt(n)``, the level of equally good filters.
-    For each filter i: alone small is probable; small together with another is undecided between them;
-    another small instead is improbable; and where none is small, a large residual is improbable and a
-    medium one undecided.
+    The terms lie around ``1/sqrt(2)``, where a filter and its best rival (`estimator.residuals.duel`) are
+    equally good. A small residual is probable, an equal one undecided and a large one improbable.
     """
     if n < 2:
         raise ValueError(f"fuzzy system: got {n} filter(s), expected at least 2; a comparison needs two")
-    level = equal_level(n)
+    level = equal_level(2)
     residual_terms = (
-        Term("small", 0.0, 0.0, 0.92 * level, level),
-        Term("medium", 0.92 * level, level, level, 1.08 * level),
-        Term("large", level, 1.08 * level, 1.0, 1.0),
+        Term("small", 0.0, 0.0, 0.96 * level, level),
+        Term("equal", 0.96 * level, level, level, 1.04 * level),
+        Term("large", level, 1.04 * level, 1.0, 1.0),
     )
     probability_terms = (
         Term("low", 0.0, 0.0, 0.0, 0.3),
         Term("medium", 0.2, 0.5, 0.5, 0.8),
         Term("high", 0.7, 1.0, 1.0, 1.0),
     )
-    E = [f"E{i + 1}" for i in range(n)]
-    p = [f"p{i + 1}" for i in range(n)]
-    rules = [rule for i in range(n) for rule in _rules_for(i, E, p[i])]
+    conclusions = {"small": "high", "equal": "medium", "large": "low"}
+    numbers = range(1, n + 1)
     return FuzzySystem(
-        tuple(Variable(name, residual_terms) for name in E),
-        tuple(Variable(name, probability_terms) for name in p),
-        tuple(rules),
-    )
-
-
-def _rules_for(i: int, E: list[str], p: str) -> list[Rule]:
-    others = [name for j, name in enumerate(E) if j != i]
-    none_small = tuple(Clause(name, "small", negated=True) for name in E)
-    alone = (Clause(E[i], "small"), *(Clause(name, "small", negated=True) for name in others))
-    return [
-        Rule(alone, Clause(p, "high")),
-        *(Rule((Clause(E[i], "small"), Clause(name, "small")), Clause(p, "medium")) for name in others),
-        *(
-            Rule((Clause(E[i], "small", negated=True), Clause(name, "small")), Clause(p, "low"))
-            for name in others
+        tuple(Variable(f"D{i}", residual_terms) for i in numbers),
+        tuple(Variable(f"p{i}", probability_terms) for i in numbers),
+        tuple(
+            Rule((Clause(f"D{i}", residual),), Clause(f"p{i}", probability))
+            for i in numbers
+            for residual, probability in conclusions.items()
         ),
-        Rule((*none_small, Clause(E[i], "large")), Clause(p, "low")),
-        Rule((*none_small, Clause(E[i], "medium")), Clause(p, "medium")),
-    ]
+    )

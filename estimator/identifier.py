@@ -1,6 +1,7 @@
 """From sensor samples to the probability of each operating point, one sample at a time.
 
-bank -> innovations -> moving mean squares -> (15) -> fuzzy system, all in one compiled step.
+bank -> innovations -> moving mean squares -> (15) -> each against its best rival -> fuzzy system,
+all in one compiled step.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.bank import bank_step
 from estimator.fuzzy import infer
-from estimator.residuals import normalise, window_step
+from estimator.residuals import duel, normalise, window_step
 
 if TYPE_CHECKING:
     from estimator.bank import FilterBank
@@ -50,7 +51,7 @@ def _identifier_step(  # pragma: no cover - compiled
     z: Array,
     k: int,
     memory: tuple[Array, Array, Array, Array],
-    work: tuple[Array, Array, Array],
+    work: tuple[Array, Array, Array, Array],
     e: Array,
     E: Array,
     p: Array,
@@ -58,7 +59,7 @@ def _identifier_step(  # pragma: no cover - compiled
     """Advance everything by one sample z (m,); writes e (n, m), E (n,) and p (n,)."""
     F, H, K = bank
     x, history, front, mean = memory
-    prediction, squares, area = work
+    prediction, squares, D, area = work
     bank_step(F, H, K, z, x, prediction, e)
     for i in range(e.shape[0]):
         squares[i] = 0.0
@@ -67,7 +68,8 @@ def _identifier_step(  # pragma: no cover - compiled
     window_step(squares, k, history, front, mean)
     normalise(mean, E)
     corners, bounds, clauses, conclusions, shapes, grid = fuzzy
-    infer(E, corners, bounds, clauses, conclusions, shapes, grid, area, p)
+    duel(E, D)
+    infer(D, corners, bounds, clauses, conclusions, shapes, grid, area, p)
 
 
 class Identifier:
@@ -84,6 +86,10 @@ class Identifier:
 
     def __init__(self, bank: FilterBank, fuzzy: FuzzySystem, *, window: int, weights: Array) -> None:
         n, m = bank.H.shape[:2]
+        if n < 2:
+            raise ValueError(
+                f"identifier: got a bank of {n} filter, expected at least 2; a comparison needs two"
+            )
         if (len(fuzzy.inputs), len(fuzzy.outputs)) != (n, n):
             raise ValueError(
                 f"identifier: got a fuzzy system with {len(fuzzy.inputs)} inputs and "
@@ -106,7 +112,7 @@ class Identifier:
         n, _, s = self.bank.H.shape
         self._k = 0
         self._memory = (np.zeros((n, s)), np.zeros((self.window, n)), np.zeros(n), np.zeros(n))
-        self._work = (np.empty((n, s)), np.empty(n), np.empty_like(self.fuzzy.grid))
+        self._work = (np.empty((n, s)), np.empty(n), np.empty(n), np.empty_like(self.fuzzy.grid))
         self._bank = (self.bank.F, self.bank.H, self.bank.K)
         self._fuzzy = self.fuzzy.arrays
 

@@ -12,7 +12,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["equal_level", "moving_mean_square", "moving_normalised_rms", "normalise", "window_step"]
+__all__ = [
+    "duel",
+    "duels",
+    "equal_level",
+    "moving_mean_square",
+    "moving_normalised_rms",
+    "normalise",
+    "window_step",
+]
 
 Array = NDArray[np.float64]
 
@@ -56,6 +64,36 @@ def normalise(mean_square: Array, E: Array) -> None:  # pragma: no cover - compi
         total += mean_square[i]
     for i in range(E.shape[0]):
         E[i] = math.sqrt(mean_square[i] / total) if total > 0.0 else 1.0 / math.sqrt(E.shape[0])
+
+
+@njit(cache=True, error_model="numpy")
+def duel(E: Array, D: Array) -> None:  # pragma: no cover - compiled
+    """Write (15) of each residual E (n,) and its best rival alone into `D` (n,).
+
+    ``D_i = E_i / sqrt(E_i^2 + E_r^2)`` with r the smallest of the others; ``1/sqrt(2)`` where they are equal.
+    With all n in the denominator, one hopeless filter would make all others look equally small.
+    """
+    best, second = 0, 1
+    if E[1] < E[0]:
+        best, second = 1, 0
+    for i in range(2, E.shape[0]):
+        if E[i] < E[best]:
+            best, second = i, best
+        elif E[i] < E[second]:
+            second = i
+    for i in range(E.shape[0]):
+        rival = E[second] if i == best else E[best]
+        larger = max(E[i], rival)
+        # Scaled by the larger one, since squares of tiny residuals would underflow.
+        own, other = (E[i] / larger, rival / larger) if larger > 0.0 else (1.0, 1.0)
+        D[i] = own / math.sqrt(own * own + other * other)
+
+
+def duels(E: Array) -> Array:
+    """Return `duel` of the residuals E (n,), n >= 2."""
+    D = np.empty_like(E)
+    duel(np.asarray(E, dtype=np.float64), D)
+    return D
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from co_sim.component import Component, Port
-from estimator.residuals import equal_level
+from estimator.residuals import duels, equal_level
 
 if TYPE_CHECKING:
     from co_sim.component import Vector
@@ -57,7 +57,7 @@ class IdentifierComponent(Component):
         self._identifier.reset()
         self._countdown = 0
         self._E[:] = equal_level(len(self._E))
-        self._p[:] = self._identifier.fuzzy(self._E)
+        self._p[:] = self._identifier.fuzzy(duels(self._E))
         self._e[:] = 0.0
 
     def exchange(self, u: Vector, y: Vector) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator.fuzzy import Clause, FuzzySystem, Rule, Term, Variable, identification_system
-from estimator.residuals import equal_level
+from estimator.residuals import duels, equal_level
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,6 +21,13 @@ if TYPE_CHECKING:
 
 COUNTS = range(2, 13)
 COMPILED = {n: identification_system(n).compile() for n in COUNTS}
+
+
+def probabilities(E: Array) -> Array:
+    """Fuzzy probabilities of the residuals (15) of all filters."""
+    return COMPILED[len(E)](duels(np.asarray(E)))
+
+
 # The centroid on the system's grid of 200 midpoints is exact to its width squared.
 GRID = 1e-4
 
@@ -154,8 +161,7 @@ def test_membership_keeps_the_shape() -> None:
 @given(inputs.flatmap(lambda E: st.tuples(st.just(E), st.permutations(range(len(E))))))
 def test_no_filter_is_preferred(case: tuple[Array, list[int]]) -> None:
     E, order = case
-    fuzzy = COMPILED[len(E)]
-    assert np.array_equal(fuzzy(E[order]), fuzzy(E)[order])
+    assert np.array_equal(probabilities(E[order]), probabilities(E)[order])
 
 
 @given(st.sampled_from(COUNTS).flatmap(lambda n: st.lists(st.floats(-1.0, 3.0), min_size=n, max_size=n)))
@@ -169,21 +175,30 @@ def test_probabilities_lie_between_zero_and_one(E: list[float]) -> None:
 def test_one_clearly_smallest_residual_is_ninety_percent_sure(n: int, ratio: float) -> None:
     E = np.full(n, 1.0)
     E[-1] = ratio
-    p = COMPILED[n](E / np.linalg.norm(E))
+    p = probabilities(E / np.linalg.norm(E))
     assert p == pytest.approx([*[0.1] * (n - 1), 0.9], abs=GRID)
 
 
 @pytest.mark.parametrize("n", COUNTS)
 def test_equal_residuals_are_undecided(n: int) -> None:
-    assert COMPILED[n](np.full(n, equal_level(n))) == pytest.approx(np.full(n, 0.5), abs=1e-12)
+    assert probabilities(np.full(n, equal_level(n))) == pytest.approx(np.full(n, 0.5), abs=1e-12)
 
 
 @pytest.mark.parametrize("n", range(3, 13))
 def test_two_equally_small_residuals_are_undecided_between_them(n: int) -> None:
     E = np.full(n, 1.0)
     E[:2] = 0.3
-    p = COMPILED[n](E / np.linalg.norm(E))
+    p = probabilities(E / np.linalg.norm(E))
     assert p == pytest.approx([0.5, 0.5, *[0.1] * (n - 2)], abs=GRID)
+
+
+@pytest.mark.parametrize("n", range(3, 13))
+@pytest.mark.parametrize("hopeless", [1.0, 10.0, 1e6])
+def test_a_hopeless_filter_changes_nothing_among_the_others(n: int, hopeless: float) -> None:
+    E = np.linspace(0.9, 1.1, n)
+    without = probabilities(E[:-1] / np.linalg.norm(E[:-1])) if n > 2 else None
+    E[-1] = 2.0 * hopeless
+    assert probabilities(E / np.linalg.norm(E))[:-1] == pytest.approx(without, abs=1e-9)
 
 
 @pytest.mark.parametrize("n", [2, 3, 12])
@@ -195,7 +210,7 @@ def test_probability_moves_without_jumps(n: int) -> None:
         first = np.linspace(0.7 * level, 1.3 * level, points)
         rest = np.sqrt(np.maximum(1.0 - first**2, 0.0) / (n - 1))
         return np.array(
-            [COMPILED[n](np.append(a, np.full(n - 1, b))) for a, b in zip(first, rest, strict=True)]
+            [probabilities(np.append(a, np.full(n - 1, b))) for a, b in zip(first, rest, strict=True)]
         )
 
     coarse, fine = (float(np.abs(np.diff(path(points), axis=0)).max()) for points in (601, 1201))
@@ -206,10 +221,9 @@ def test_probability_moves_without_jumps(n: int) -> None:
 @given(inputs, st.integers(0, 11))
 def test_a_larger_residual_never_makes_a_filter_more_probable(E: Array, i: int) -> None:
     i %= len(E)
-    # The other residuals are held: a smaller comparison group is another question.
     larger = E.copy()
     larger[i] *= 1.02
-    assert COMPILED[len(E)](larger)[i] <= COMPILED[len(E)](E)[i] + GRID
+    assert probabilities(larger)[i] <= probabilities(E)[i] + GRID
 
 
 # When no rule speaks ---------------------------------------------------------------------------------

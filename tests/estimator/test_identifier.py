@@ -9,7 +9,7 @@ import pytest
 from estimator.bank import FilterBank
 from estimator.fuzzy import identification_system
 from estimator.identifier import Identifier
-from estimator.residuals import moving_normalised_rms
+from estimator.residuals import duels, moving_normalised_rms
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,7 +43,7 @@ def test_identifier_is_its_parts_one_after_the_other(identifier: Identifier, z: 
     fuzzy = identification_system(3).compile()
     assert np.array_equal(found.innovations, e)
     assert np.allclose(found.E, E, rtol=1e-12, atol=0.0)
-    assert found.probabilities == pytest.approx(np.array([fuzzy(row) for row in E]), abs=1e-9)
+    assert found.probabilities == pytest.approx(np.array([fuzzy(duels(row)) for row in E]), abs=1e-9)
 
 
 def test_steps_make_the_run(identifier: Identifier, z: Array) -> None:
@@ -117,3 +117,8 @@ def test_needs_a_window(filters: tuple[LinearFilter, ...]) -> None:
 def test_needs_samples_of_its_sensors(identifier: Identifier, shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match=r"got samples of shape .* expected \(T, 2\); check the sensors"):
         identifier.run(np.zeros(shape))
+
+
+def test_one_filter_has_no_rival(filters: tuple[LinearFilter, ...]) -> None:
+    with pytest.raises(ValueError, match=r"^identifier: got a bank of 1 filter, expected at least 2"):
+        Identifier(FilterBank(filters[:1]), identification_system(2), window=10, weights=WEIGHTS)

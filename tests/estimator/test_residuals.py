@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.residuals import equal_level, moving_mean_square, moving_normalised_rms
+from estimator.residuals import duels, equal_level, moving_mean_square, moving_normalised_rms
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -99,3 +99,28 @@ def test_window_of_one_sample_has_no_memory() -> None:
 def test_window_needs_a_sample(window: int) -> None:
     with pytest.raises(ValueError, match=f"window: got {window} samples, expected at least 1"):
         moving_normalised_rms(np.ones((3, 2)), window)
+
+
+# A residual against its best rival -------------------------------------------------------------------
+
+positive = st.floats(1e-6, 1e6)
+
+
+@given(st.lists(positive, min_size=2, max_size=12))
+def test_a_duel_is_15_for_a_filter_and_the_best_of_the_others(values: list[float]) -> None:
+    E = np.array(values)
+    expected = [e / np.hypot(e, np.delete(E, i).min()) for i, e in enumerate(E)]
+    np.testing.assert_allclose(duels(E), expected, rtol=1e-14)
+
+
+@given(st.lists(positive, min_size=2, max_size=12), st.floats(1e-3, 1e3))
+def test_duels_know_no_scale(values: list[float], scale: float) -> None:
+    np.testing.assert_allclose(duels(scale * np.array(values)), duels(np.array(values)), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("E", "D"),
+    [([0.0, 1.0], [0.0, 1.0]), ([0.0, 0.0], [0.5**0.5] * 2), ([0.0, 0.0, 1.0], [0.5**0.5] * 2 + [1.0])],
+)
+def test_duels_of_perfect_filters(E: list[float], D: list[float]) -> None:
+    np.testing.assert_allclose(duels(np.array(E)), D, rtol=1e-15)

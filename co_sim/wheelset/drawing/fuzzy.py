@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.patches import FancyBboxPatch
@@ -11,7 +11,7 @@ from matplotlib.patches import FancyBboxPatch
 from co_sim.wheelset.drawing.sheet import GREY, Picture, Sheet, colour, shorten
 from co_sim.wheelset.prose.findings import valid_windows
 from co_sim.wheelset.prose.words import percent, quantity
-from estimator.residuals import equal_level
+from estimator.residuals import duels, equal_level
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +51,8 @@ def draw_system(experiment: Experiment) -> Picture:
     _draw_rules(ax, fuzzy, sheet.top)
     caption = (
         f"Mamdani system with {len(fuzzy.inputs)} inputs, {len(fuzzy.rules)} rules and "
-        f"{len(fuzzy.outputs)} outputs. AND and implication are minima, rules are joined by the maximum, the "
+        f"{len(fuzzy.outputs)} outputs. Each input is the residual E of a filter against its best rival, "
+        f"D = E/√(E² + E_rival²). AND and implication are minima, rules are joined by the maximum, the "
         f"output is the centroid. "
         f"An output that no rule reaches is {percent(0.5)}, undecided."
     )
@@ -62,19 +63,20 @@ def draw_membership(experiment: Experiment) -> Picture:
     """Draw the membership functions of one residual and of one probability."""
     residual, probability = experiment.fuzzy.inputs[0], experiment.fuzzy.outputs[0]
     n = len(experiment.fuzzy.inputs)
-    level = equal_level(n)
+    level = equal_level(2)
     sheet = Sheet(_WIDTH, 2.95, "What counts as a small residual, and what as a high probability?")
     left = sheet.axes(0.75, 0.55, 3.3, 1.75)
     right = sheet.axes(4.7, 0.55, 3.3, 1.75)
     _draw_terms(left, residual)
     left.plot([level, level], [0.0, 1.03], color="black", linestyle="--", linewidth=1.0)
-    left.set_xlabel(f"residual {residual.name}  (dashed: 1/√{n} = {level:.3f})")
+    left.set_xlabel(f"residual {residual.name}, enlarged  (dashed: 1/√2 = {level:.3f})")
     left.set_ylabel("membership")
     _draw_terms(right, probability)
     right.set_xlabel(f"probability {probability.name}")
     caption = (
-        f"All {n} residuals and all {n} probabilities have the same terms. Those of a residual are placed "
-        f"around the level 1/√{n} = {level:.3f}, at which all filters are equally good."
+        f"All {n} residuals and all {n} probabilities have the same terms. A residual is taken against the "
+        f"smallest of the others, D = E/√(E² + E_rival²); its terms lie around 1/√2 = {level:.3f}, where "
+        f"the two are equally good."
     )
     return Picture(sheet, caption, f"Membership functions: {_terms(residual)}; {_terms(probability)}.")
 
@@ -91,7 +93,7 @@ def draw_output(experiment: Experiment) -> Picture | None:
     k, reference = chosen
     fuzzy = experiment.fuzzy.compile()
     p = np.empty(len(experiment.filters))
-    areas = fuzzy.aggregate(np.ascontiguousarray(run.E[k]), p)
+    areas = fuzzy.aggregate(duels(run.E[k]), p)
     ranked = sorted(np.argsort(-p, kind="stable")[:_SHOWN].tolist())
     sheet = Sheet(
         _WIDTH, 2.95, f"How do the outputs of one window come about? {_window_name(run, float(run.time[k]))}"
@@ -153,25 +155,27 @@ def _draw_area(
     )
     ax.set_xlim(100.0 * variable.low, 100.0 * variable.high)
     ax.set_ylim(0.0, 1.2)
-
-
-def _draw_terms(ax: Axes, variable: Variable) -> None:
-    for term, shade in zip(variable.terms, _shades(variable), strict=True):
-        ax.plot(*_outline(term, variable, 1.0), color=shade, linewidth=1.8)
-        ax.text(
-            (term.b + term.c) / 2.0, 1.07, term.name, color=shade, weight="bold", **_anchor(term, variable)
-        )
-    ax.set_xlim(variable.low, variable.high)
-    ax.set_ylim(0.0, 1.2)
     ax.set_yticks((0.0, 0.5, 1.0))
 
 
-def _anchor(term: Term, variable: Variable) -> dict[str, Any]:
-    """Keep the name of a term at an end of the interval inside it."""
-    middle = (term.b + term.c) / 2.0
-    if middle <= variable.low:
-        return {"ha": "left"}
-    return {"ha": "right" if middle >= variable.high else "center"}
+def _view(variable: Variable) -> tuple[float, float]:
+    """Return the part of a variable's interval in which its terms change, with some margin."""
+    corners = {corner for t in variable.terms for corner in (t.a, t.b, t.c, t.d)}
+    inner = sorted(corners - {variable.low, variable.high})
+    margin = inner[-1] - inner[0]
+    return max(variable.low, inner[0] - margin), min(variable.high, inner[-1] + margin)
+
+
+def _draw_terms(ax: Axes, variable: Variable) -> None:
+    low, high = _view(variable)
+    for term, shade in zip(variable.terms, _shades(variable), strict=True):
+        ax.plot(*_outline(term, variable, 1.0), color=shade, linewidth=1.8)
+        top = (max(term.b, low) + min(term.c, high)) / 2.0
+        side = "left" if top <= low else "right" if top >= high else "center"
+        ax.text(top, 1.07, term.name, color=shade, weight="bold", ha=side)
+    ax.set_xlim(low, high)
+    ax.set_ylim(0.0, 1.2)
+    ax.set_yticks((0.0, 0.5, 1.0))
 
 
 def _shades(variable: Variable) -> list[str]:
@@ -201,9 +205,11 @@ def _draw_variable(ax: Axes, x: float, y: float, variable: Variable, filter_name
     ax.text(x + 0.1, y + 0.13, variable.name, weight="bold", size=11, color=shade, va="center")
     ax.text(x + 0.1, y - 0.17, shorten(filter_name, 12), size=8.0, color=shade, va="center")
     left, bottom, plot_width, plot_height = x + 1.05, y - 0.22, 0.92, 0.44
+    low, high = _view(variable)
     for term, grey in zip(variable.terms, _shades(variable), strict=True):
-        u, v = _outline(term, variable, 1.0)
-        share = (u - variable.low) / (variable.high - variable.low)
+        u = np.linspace(low, high, 101)
+        v = term.membership(u)
+        share = (u - low) / (high - low)
         ax.plot(left + plot_width * share, bottom + plot_height * v, color=grey, linewidth=1.1)
     ax.plot([left, left + plot_width], [bottom, bottom], color="black", linewidth=0.8)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from co_sim.wheelset.assembly import MEASURED
-from co_sim.wheelset.prose.findings import Finding, Outcome, counted, find, place, resolution, valid_windows
+from co_sim.wheelset.prose.findings import Finding, Outcome, counted, find, place, valid_windows
 from co_sim.wheelset.prose.words import capital, listed, number, percent, quantity
 
 if TYPE_CHECKING:
@@ -100,14 +100,12 @@ def _undecided(experiment: Experiment, run: Run, finding: Finding) -> list[str]:
     apart = f"The smallest residual and the next are {number(margin, 2)} of the level apart"
     if faint:
         verdict = f"{apart}; to prefer a filter on this evidence would be to invent a confidence."
-    elif margin >= resolution(experiment.fuzzy):
-        verdict = f"{apart}, which is clear: it is the rules that leave it undecided."
     elif share >= _STEADY_SHARE:
         verdict = f"{apart}, little but steadily: the true filter comes first in almost every window."
     else:
         verdict = f"{apart}, and which comes first changes from window to window."
     reasons = faint or _slopes(experiment, *finding.ranking[:2]) + _varying_slope(experiment, run, stretch)
-    return [*reasons, *_all_small(experiment, stretch), verdict]
+    return [*reasons, verdict]
 
 
 def _mistaken(experiment: Experiment, run: Run, finding: Finding) -> list[str]:
@@ -153,22 +151,6 @@ def _faint_signal(run: Run, stretch: Stretch) -> list[str]:
 
 def _ratios(ratios: dict[str, float]) -> str:
     return listed([f"{number(ratio, 2)} at the {sensor}" for sensor, ratio in ratios.items()])
-
-
-def _all_small(experiment: Experiment, stretch: Stretch) -> list[str]:
-    """Say that a hopeless filter pulls all others below the level."""
-    residuals = stretch.mean_residual_valid or {}
-    variable = experiment.fuzzy.inputs[0]
-    small = variable.terms[variable.index("small")]
-    together = [name for name, value in residuals.items() if value < small.c]
-    if len(together) < 2:
-        return []
-    worst = max(residuals, key=lambda name: residuals[name])
-    reason = (
-        f"{worst} alone makes {percent(residuals[worst] ** 2)} of the sum of squares in (15); "
-        f"beside it {listed(together)} count as small alike, which the rules take for undecided."
-    )
-    return [reason]
 
 
 def _slopes(experiment: Experiment, one: str, other: str) -> list[str]:

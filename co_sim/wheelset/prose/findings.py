@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -14,9 +13,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from co_sim.wheelset.results import Experiment, Run, Stretch
-    from estimator import FuzzySystem
 
-__all__ = ["CLEAR_LEAD", "Finding", "Outcome", "counted", "find", "place", "resolution", "valid_windows"]
+__all__ = ["CLEAR_LEAD", "Finding", "Outcome", "counted", "find", "place", "valid_windows"]
 
 #: Lead of one mean probability over the next that counts as an answer.
 CLEAR_LEAD = 0.1
@@ -74,16 +72,16 @@ def _judge(experiment: Experiment, run: Run, stretch: Stretch) -> Finding:
     residuals, margin = stretch.mean_residual_valid or {}, stretch.margin or 0.0
     # Equal probabilities are ranked by residual: the rules know only a few degrees of small.
     ranking = tuple(sorted(p, key=lambda name: (-round(p[name], 2), residuals[name])))
-    outcome = _outcome(experiment, stretch, ranking, margin)
+    outcome = _outcome(stretch, ranking)
     text = _judgement(stretch, outcome, ranking, margin)
     return Finding(stretch, outcome, text, ranking)
 
 
-def _outcome(experiment: Experiment, stretch: Stretch, ranking: tuple[str, ...], margin: float) -> Outcome:
+def _outcome(stretch: Stretch, ranking: tuple[str, ...]) -> Outcome:
     p = stretch.mean_probability_valid or {}
     if not stretch.expected:
         return Outcome.UNKNOWN
-    if margin < resolution(experiment.fuzzy) or p[ranking[0]] - p[ranking[1]] < CLEAR_LEAD:
+    if p[ranking[0]] - p[ranking[1]] < CLEAR_LEAD:
         return Outcome.UNDECIDED
     return Outcome.IDENTIFIED if ranking[0] in stretch.expected else Outcome.MISTAKEN
 
@@ -132,10 +130,3 @@ def _why_empty(experiment: Experiment, run: Run, stretch: Stretch) -> str:
         f"All {stretch.windows} windows end after the wheelset has left the range of the model at "
         f"{quantity(run.valid_until, 's')}, so none of them counts."
     )
-
-
-def resolution(fuzzy: FuzzySystem) -> float:
-    """Return the distance, over the level 1/sqrt(n), across which "small" fades out in the fuzzy system."""
-    residual = fuzzy.inputs[0]
-    small = residual.terms[residual.index("small")]
-    return (small.d - small.c) * math.sqrt(len(fuzzy.inputs))

@@ -120,5 +120,6 @@ def _identifier(experiment: Experiment) -> str:
     return (
         f"Innovations {_RESIDUALS[identifier.residual]} in a moving window of "
         f"{quantity(identifier.window, 's')}, normalised across the filters as in (15) of the paper; "
-        f"{len(experiment.fuzzy.rules)} fuzzy rules turn them into a probability of each filter."
+        f"{len(experiment.fuzzy.rules)} fuzzy rules, three for each filter against its best rival, make "
+        f"them probabilities."
     )

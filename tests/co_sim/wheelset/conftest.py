@@ -11,6 +11,7 @@ from co_sim.wheelset.results import Experiment, FilterDesign, Run, assess
 from co_sim.wheelset.scenario import Scenario
 from estimator import CreepCurve, NoiseModel, Tuning, design_filter, filter_model, identification_system
 from estimator.linear_models import operating_points, point_at
+from estimator.residuals import duels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -91,7 +92,7 @@ class Workshop:
             signals=self._signals(time, amplitude, offset, point),
             units={},
             E=E,
-            probabilities=np.array([fuzzy(row) for row in E]),
+            probabilities=np.array([fuzzy(duels(row)) for row in E]),
             valid_until=time[-1] if valid_until is None else valid_until,
             stopped=stopped,
         )

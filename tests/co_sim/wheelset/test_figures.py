@@ -267,13 +267,13 @@ def test_system_shows_rules_in_words(paper, drop):
         picture = draw_system(experiment)
         texts = " ".join(t.get_text() for t in picture.sheet.figure.axes[0].texts).replace("\n", " ")
         assert f"{len(experiment.fuzzy.rules)} rules" in texts
-        assert "if E1 is small and E2 is not small and E3 is not small then p1 is high" in texts
+        assert "if D1 is small then p1 is high" in texts
 
 
 def test_system_of_many_filters_shows_the_first_two_and_the_last(workshop):
     picture = draw_system(long_bank(workshop))
     texts = [t.get_text() for t in picture.sheet.figure.axes[0].texts]
-    assert [t for t in texts if re.fullmatch(r"E\d+", t)] == ["E1", "E2", "E12"]
+    assert [t for t in texts if re.fullmatch(r"D\d+", t)] == ["D1", "D2", "D12"]
     assert "⋮" in texts
 
 
