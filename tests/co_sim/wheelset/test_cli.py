@@ -173,3 +173,19 @@ def test_scenario_command_prints_a_file_that_runs(capsys: pytest.CaptureFixture[
     assert call("scenario", "--fields") == 0
     assert "wheelset.k_w" in capsys.readouterr().out
     assert call("scenario", "nothing") == 2
+
+
+def test_interrupt_leaves_nothing_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from co_sim.wheelset import cli
+
+    def interrupted(self: object, k: int, t: float, bus: object) -> None:
+        if k == 100:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli._ProgressBar, "observe", interrupted)
+    (tmp_path / "x.toml").write_text(SHORT, encoding="utf-8")
+    assert call("run", str(tmp_path / "x.toml"), "--out", str(tmp_path / "out")) == 130
+    assert capsys.readouterr().err.strip() == "interrupted; files that are there are complete"
+    assert [p.name for p in tmp_path.iterdir()] == ["x.toml"]
