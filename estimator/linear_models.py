@@ -101,19 +101,20 @@ def wheelset_model(point: OperatingPoint, wheelset: WheelsetParameters) -> contr
     """Return the small-signal model (12) around `point`.
 
     States ``y, psi, y_dot, psi_dot``; input the track offset ``y_t``; outputs the yaw rate and the
-    lateral acceleration that the sensors measure.
+    lateral acceleration that the sensors measure. Suspension and gravitational stiffness are in it;
+    flanges are not, nor what only shifts the equilibrium.
     """
     import control
 
-    yaw, lateral, track = _rows(point, wheelset)
+    yaw, lateral, (track_yaw, track_lateral) = _rows(point, wheelset)
     A = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], lateral, yaw])
-    B = np.array([[0.0], [0.0], [0.0], [track]])
+    B = np.array([[0.0], [0.0], [track_lateral], [track_yaw]])
     C = np.array([[0.0, 0.0, 0.0, 1.0], lateral])
     return control.ss(
         A,
         B,
         C,
-        np.zeros((2, 1)),
+        np.array([[0.0], [track_lateral]]),
         states=["y", "psi", "y_dot", "psi_dot"],
         inputs=["y_t"],
         outputs=["yaw_rate", "lateral_acceleration"],
@@ -130,13 +131,14 @@ def filter_model(point: OperatingPoint, wheelset: WheelsetParameters) -> control
     """
     import control
 
-    (k_y, k_psi, d_y, d_psi), (_, l_psi, l_y, _), _ = _rows(point, wheelset)
+    # Over y = y_t + (y - y_t), a row takes from y_t what the input y_t leaves of its entry for y.
+    (k_y, k_psi, d_y, d_psi), (l_rel, l_psi, l_y, _), (t_psi, t_y) = _rows(point, wheelset)
     A = np.array(
         [
             # psi, y_dot, psi_dot, y_t, y - y_t
             [0.0, 0.0, 1.0, 0.0, 0.0],
-            [l_psi, l_y, 0.0, 0.0, 0.0],
-            [k_psi, d_y, d_psi, 0.0, k_y],
+            [l_psi, l_y, 0.0, l_rel + t_y, l_rel],
+            [k_psi, d_y, d_psi, k_y + t_psi, k_y],
             [0.0, 0.0, 0.0, -TRACK_DECAY, 0.0],
             [0.0, 1.0, 0.0, TRACK_DECAY, 0.0],
         ]
@@ -157,19 +159,31 @@ def filter_model(point: OperatingPoint, wheelset: WheelsetParameters) -> control
 
 def _rows(
     point: OperatingPoint, wheelset: WheelsetParameters
-) -> tuple[tuple[float, float, float, float], tuple[float, float, float, float], float]:
-    """Return the rows of psi_ddot and y_ddot over (y, psi, y_dot, psi_dot), and psi_ddot over y_t."""
+) -> tuple[tuple[float, float, float, float], tuple[float, float, float, float], tuple[float, float]]:
+    """Return the rows of psi_ddot and y_ddot over (y, psi, y_dot, psi_dot), and both over y_t."""
     p, v = wheelset, point.v
     track = 2.0 * p.L_g * p.gamma * point.g11 / (p.r0 * p.I_w)
-    yaw = (-track, -p.k_w / p.I_w, 0.0, -2.0 * p.L_g**2 * point.g11 / (v * p.I_w))
-    lateral = (0.0, 2.0 * point.g22 / p.m_w, -2.0 * point.g22 / (p.m_w * v), 0.0)
-    return yaw, lateral, track
+    gravity = 2.0 * p.N * p.contact_angle_rate
+    yaw_spring = p.k_w - 2.0 * p.N * p.contact_angle * p.L_g
+    yaw = (
+        -track,
+        -yaw_spring / p.I_w,
+        0.0,
+        -2.0 * p.L_g**2 * point.g11 / (v * p.I_w) - p.c_w / p.I_w,
+    )
+    lateral = (
+        (0.0 - p.k_y - gravity) / p.m_w,
+        2.0 * point.g22 / p.m_w,
+        -2.0 * point.g22 / (p.m_w * v) - p.c_y / p.m_w,
+        0.0,
+    )
+    return yaw, lateral, (track, gravity / p.m_w)
 
 
 def critical_speed(g11: float, g22: float, wheelset: WheelsetParameters) -> float:
     """Return the speed (m/s) above which (12) is unstable for fixed slopes ``g11, g22 > 0`` (N).
 
-    ``inf`` if it is stable at every speed, 0 if at none, as without a yaw spring.
+    The lowest such speed; ``inf`` if it is stable at every speed, 0 if at none, as without springs.
     """
     if not (g11 > 0.0 and g22 > 0.0):
         raise ValueError(
@@ -177,13 +191,22 @@ def critical_speed(g11: float, g22: float, wheelset: WheelsetParameters) -> floa
             f"at and past the peak of the creep curve no speed is stable"
         )
     p = wheelset
+    # y_ddot + a y_dot + K y = alpha psi and psi_ddot + b psi_dot + k psi = -tau y, with polynomials a and
+    # b in 1/v; the greatest root of the last Hurwitz determinant is where stability is lost.
+    K = (p.k_y + 2.0 * p.N * p.contact_angle_rate) / p.m_w
+    k = (p.k_w - 2.0 * p.N * p.contact_angle * p.L_g) / p.I_w
     alpha = 2.0 * g22 / p.m_w
     beta = 2.0 * p.L_g**2 * g11 / p.I_w
-    k = p.k_w / p.I_w
-    if k == 0.0:
+    tau = beta * p.gamma / (p.r0 * p.L_g)
+    a = np.polynomial.Polynomial([p.c_y / p.m_w, alpha])
+    b = np.polynomial.Polynomial([p.c_w / p.I_w, beta])
+    determinant = a * b * ((a + b) * (k * a + K * b) + (K - k) ** 2) - (a + b) ** 2 * (alpha * tau)
+    if K * k + alpha * tau <= 0.0 or alpha * k + beta * K <= 0.0:
         return 0.0
-    denominator = (alpha + beta) ** 2 * p.gamma / (p.r0 * p.L_g * k) - k
-    return math.sqrt(alpha * (alpha + beta) / denominator) if denominator > 0.0 else math.inf
+    roots = np.roots(determinant.coef[::-1])
+    real = roots[np.abs(roots.imag) <= 1e-9 * np.abs(roots)].real
+    slowest = float(np.max(real, initial=0.0))
+    return 1.0 / slowest if slowest > 0.0 else math.inf
 
 
 def klingel_wavelength(wheelset: WheelsetParameters) -> float:

@@ -133,6 +133,72 @@ class WheelsetParameters(Quantities):
     )
     M_v: float = quantity(15.0e3, "kg", "M_v", "vehicle mass carried by the wheelset", "assumed")
     N: float = quantity(79.7e3, "N", "N", "normal load of each wheel", "literature")
+    # What the paper does not have is off: differences, stiffnesses and angles are zero.
+    delta_r: float = quantity(
+        0.0,
+        "m",
+        "Delta r",
+        "rolling radius of the left wheel less that of the right",
+        "off",
+        minimum=-0.1,
+        maximum=0.1,
+        minimum_allowed=True,
+    )
+    k_y: float = quantity(
+        0.0, "N/m", "k_y", "lateral stiffness of the suspension to the ground", "off", minimum_allowed=True
+    )
+    c_y: float = quantity(
+        0.0, "N.s/m", "c_y", "lateral damping of the suspension to the ground", "off", minimum_allowed=True
+    )
+    c_w: float = quantity(
+        0.0, "N.m.s/rad", "c_w", "yaw damping of the suspension to the ground", "off", minimum_allowed=True
+    )
+    contact_angle: float = quantity(
+        0.0,
+        "rad",
+        "delta_0",
+        "contact angle at the central position, for gravitational stiffness",
+        "off; gamma for conical wheels",
+        minimum_allowed=True,
+    )
+    contact_angle_rate: float = quantity(
+        0.0,
+        "rad/m",
+        "delta'",
+        "change of the contact angle with displacement, for gravitational stiffness",
+        "off; 1/(R_wheel - R_rail) of circular profiles",
+        minimum_allowed=True,
+    )
+    flange_stiffness: float = quantity(
+        0.0,
+        "N/m",
+        "k_f",
+        "lateral stiffness of flange on rail, 0 for no flanges",
+        "off",
+        minimum_allowed=True,
+    )
+    flange_clearance: float = quantity(
+        8e-3,
+        "m",
+        "y_f",
+        "displacement from the track at which the flange touches",
+        "assumed",
+        minimum_allowed=True,
+    )
+    flange_transition: float = quantity(
+        5e-4, "m", "s_f", "depth over which the flange's stiffness builds up", "assumed"
+    )
+    flange_damping: float = quantity(
+        0.5,
+        "s/m",
+        "d_f",
+        "part of the flange's force added per speed of approach",
+        "assumed",
+        minimum_allowed=True,
+    )
+    g: float = quantity(
+        9.81, "m/s2", "g", "gravitational acceleration, for cant", "literature", minimum_allowed=True
+    )
     patch: ContactPatch = field(default_factory=ContactPatch)
 
 

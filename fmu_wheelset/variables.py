@@ -42,12 +42,16 @@ UNITS: Mapping[str, Mapping[str, int]] = MappingProxyType(
         "m/s": {"m": 1, "s": -1},
         "m/s2": {"m": 1, "s": -2},
         "s/m": {"s": 1, "m": -1},
+        "1/m": {"m": -1},
         "rad": {"rad": 1},
         "rad/s": {"rad": 1, "s": -1},
         "rad/s2": {"rad": 1, "s": -2},
+        "rad/m": {"rad": 1, "m": -1},
         "kg": {"kg": 1},
         "kg.m2": {"kg": 1, "m": 2},
         "N": {"kg": 1, "m": 1, "s": -2},
+        "N/m": {"kg": 1, "s": -2},
+        "N.s/m": {"kg": 1, "s": -1},
         "N.m": {"kg": 1, "m": 2, "s": -2},
         "N.m/rad": {"kg": 1, "m": 2, "s": -2, "rad": -1},
         "N.m.s/rad": {"kg": 1, "m": 2, "s": -1, "rad": -1},
@@ -176,7 +180,9 @@ def _inputs() -> Iterator[Variable]:
     yield _input("traction_torque", "N.m", "drive torque on the right wheel, torque driven")
     yield _input("suspension_lateral_force", "N", "lateral force of the suspension on the wheelset")
     yield _input("suspension_yaw_moment", "N.m", "yaw moment of the suspension besides the yaw stiffness")
-    yield _input("curve_force", "N", "lateral force by curvature and cant")
+    yield _input("curve_force", "N", "lateral force in curves besides that of the wheelset's own mass")
+    yield _input("curvature", "1/m", "curvature of the track, positive to the left", nominal=1e-3)
+    yield _input("cant", "m", "height of the right rail above the left", nominal=0.1)
     yield _input("running_resistance", "N", "force against the motion with forward dynamics")
     yield _input("track_lateral_offset", "m", "lateral irregularity of the track", nominal=1e-3)
     for side in SIDES:
@@ -200,7 +206,7 @@ def _inputs() -> Iterator[Variable]:
 
 
 SPEED = ("speed", "state.forward_speed")
-GUIDANCE = (*SPEED, "track_lateral_offset", "lateral_displacement", "yaw_rate")
+GUIDANCE = (*SPEED, "curvature", "track_lateral_offset", "lateral_displacement", "yaw_rate")
 LATERAL_CREEPAGE = (*SPEED, "yaw_angle", "lateral_velocity")
 
 
@@ -278,7 +284,7 @@ def _derivatives() -> Iterator[Variable]:
         "m/s2",
         "lateral acceleration",
         derivative_of="lateral_velocity",
-        depends_on=(*BOTH_FORCES, "suspension_lateral_force", "curve_force"),
+        depends_on=(*BOTH_FORCES, "suspension_lateral_force", "curve_force", "cant"),
     )
     yield _derivative("yaw_rate", "PSI_DOT", "rad/s2", (*BOTH_FORCES, "suspension_yaw_moment"))
     for side in SIDES:
@@ -311,6 +317,13 @@ def _axle_outputs() -> Iterator[Variable]:
         "1",
         "longitudinal creep force of both wheels over their normal load",
         depends_on=BOTH_FORCES,
+    )
+    yield _computed(
+        "flange_force",
+        "outputs.flange_force",
+        "N",
+        "lateral force of the rail on the flange",
+        depends_on=("lateral_displacement", "lateral_velocity", "track_lateral_offset"),
     )
 
 

@@ -181,7 +181,7 @@ class IdentifierTable(_Table):
     )
     training: Positive = Field(10.0, description="length of the run that tunes each filter, s")
     valid_offset: Positive = Field(
-        8e-3, description="lateral offset from the track up to which the model without flanges holds, m"
+        8e-3, description="lateral offset from the track up to which models without flanges hold, m"
     )
     filters: tuple[Filter, ...] | None = Field(
         None, min_length=2, description="the bank; left out: P1, P2, P3 of the first rail"
@@ -307,6 +307,11 @@ class Scenario(_Table):
         """Parameters of the wheelset."""
         values = self.wheelset.model_dump()  # type: ignore[attr-defined]
         return WheelsetParameters(**{**values, "patch": ContactPatch(**values["patch"])})
+
+    @property
+    def has_flanges(self) -> bool:
+        """Whether the plant has flange contact; the filters never have."""
+        return self.parameters.flange_stiffness > 0.0
 
     @property
     def filters(self) -> tuple[Filter, ...]:

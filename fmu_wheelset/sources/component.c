@@ -112,6 +112,10 @@ static void follow_starts(Component *component)
 
 Status component_exit_initialization(Instance *instance)
 {
+    const Parameters *p = &instance->component.wheelset.p;
+    if (!(fabs(p->delta_r) < 2.0 * p->r0))
+        return component_fail(instance, "delta_r: got %g m, expected a difference of radii below 2 r0 = %g m",
+                              p->delta_r, 2.0 * p->r0);
     follow_starts(&instance->component);
     instance->component.phase = STEPPING;
     return STATUS_OK;

@@ -1,5 +1,7 @@
 #include "wheelset.h"
 
+#include "guiding.h"
+
 #include <math.h>
 
 /* v_r = |v|, continued below v0 by a parabola with the same value and slope, so that 1/v_r stays finite. */
@@ -18,6 +20,17 @@ static double forward_speed(const Wheelset *wheelset, const double x[])
     return wheelset->p.forward_dynamics ? x[V] : wheelset->u.speed;
 }
 
+static double rolling_radius(const Parameters *p, int side)
+{
+    return side == LEFT ? p->r0 + 0.5 * p->delta_r : p->r0 - 0.5 * p->delta_r;
+}
+
+/* By which the radii differ from r0 where no wheel speeds tell them apart: wheels fixed to one axle. */
+static double unequal_radii(const Parameters *p)
+{
+    return p->drive_mode == TORQUE_DRIVEN ? 0.0 : 0.5 * p->delta_r;
+}
+
 void wheelset_initialise(Wheelset *wheelset)
 {
     const Parameters *p = &wheelset->p;
@@ -25,7 +38,8 @@ void wheelset_initialise(Wheelset *wheelset)
     double slope;
     const double v_r = regularised_speed(v, p->v0, &slope);
     wheelset->x[V] = v;
-    wheelset->x[OMEGA_L] = wheelset->x[OMEGA_R] = (v + p->initial_creepage * v_r) / p->r0;
+    for (int i = LEFT; i <= RIGHT; i++)
+        wheelset->x[OMEGA_L + i] = (v + p->initial_creepage * v_r) / rolling_radius(p, i);
 }
 
 int wheelset_moving_states(const Parameters *p, int moving[N_STATES])
@@ -53,12 +67,14 @@ static void creepages(const Wheelset *wheelset, const double x[], Evaluation *e)
             e->driving[i] = u->prescribed_creepage;
             break;
         case TORQUE_DRIVEN:
-            e->driving[i] = (p->r0 * x[OMEGA_L + i] - v) / v_r;
+            e->driving[i] = (rolling_radius(p, i) * x[OMEGA_L + i] - v) / v_r;
             break;
         default:
             e->driving[i] = 0.0;
         }
-    e->guidance = (p->L_g * x[PSI_DOT] + v * p->gamma * (x[Y] - u->track_lateral_offset) / p->r0) / v_r;
+    const double turning = p->L_g * (x[PSI_DOT] + v * u->curvature);
+    const double rolling = v * p->gamma * (x[Y] - u->track_lateral_offset) / p->r0 + v * unequal_radii(p) / p->r0;
+    e->guidance = (turning + rolling) / v_r;
 
     const double creepage_y = (x[Y_DOT] - v * x[PSI]) / v_r;
     for (int i = LEFT; i <= RIGHT; i++) {
@@ -70,7 +86,7 @@ static void creepages(const Wheelset *wheelset, const double x[], Evaluation *e)
     }
 }
 
-/* Newton and Euler; linear in states, inputs and creep forces, so derivatives obey them as well. */
+/* Newton and Euler; linear in states, inputs, creep and guiding forces, so derivatives obey them as well. */
 static void motion(const Parameters *p, const double x[], const Inputs *u, Evaluation *e)
 {
     const Contact *L = &e->contact[LEFT], *R = &e->contact[RIGHT];
@@ -81,10 +97,12 @@ static void motion(const Parameters *p, const double x[], const Inputs *u, Evalu
 
     x_dot[Y] = x[Y_DOT];
     x_dot[PSI] = x[PSI_DOT];
-    x_dot[Y_DOT] = (u->curve_force + u->suspension_lateral_force - (R->force_y + L->force_y)) / p->m_w;
-    x_dot[PSI_DOT] = ((R->force_x - L->force_x) * p->L_g - p->k_w * x[PSI] + u->suspension_yaw_moment) / p->I_w;
-    x_dot[OMEGA_L] = driven ? (T_s - p->r0 * L->force_x) / p->I_L : 0.0;
-    x_dot[OMEGA_R] = driven ? (u->traction_torque - T_s - p->r0 * R->force_x) / p->I_R : 0.0;
+    const double F_susp = u->suspension_lateral_force - p->k_y * x[Y] - p->c_y * x[Y_DOT];
+    const double M_susp = u->suspension_yaw_moment - p->c_w * x[PSI_DOT];
+    x_dot[Y_DOT] = (u->curve_force + F_susp + e->guiding_force - (R->force_y + L->force_y)) / p->m_w;
+    x_dot[PSI_DOT] = ((R->force_x - L->force_x) * p->L_g - p->k_w * x[PSI] + M_susp + e->guiding_moment) / p->I_w;
+    x_dot[OMEGA_L] = driven ? (T_s - rolling_radius(p, LEFT) * L->force_x) / p->I_L : 0.0;
+    x_dot[OMEGA_R] = driven ? (u->traction_torque - T_s - rolling_radius(p, RIGHT) * R->force_x) / p->I_R : 0.0;
     x_dot[THETA] = twist_rate;
     x_dot[V] = p->forward_dynamics ? (R->force_x + L->force_x - u->running_resistance) / p->M_v : 0.0;
 }
@@ -98,6 +116,7 @@ static void evaluate(const Wheelset *wheelset, const double x[], Evaluation *e,
     creepages(wheelset, x, e);
     for (int i = LEFT; i <= RIGHT; i++)
         contact(&p->patch, &e->at[i], &e->contact[i]);
+    guiding_evaluate(wheelset, x, e);
     motion(p, x, &wheelset->u, e);
 }
 
@@ -125,6 +144,7 @@ void wheelset_outputs(const Wheelset *wheelset, const double x[], const Evaluati
     outputs->forward_speed = e->v;
     outputs->relative_displacement = x[Y] - wheelset->u.track_lateral_offset;
     outputs->axle_torque = e->axle_torque;
+    outputs->flange_force = e->flange.force;
 
     const double load = load_carried(&e->at[LEFT]) + load_carried(&e->at[RIGHT]);
     const double force = e->contact[LEFT].force_x + e->contact[RIGHT].force_x;
@@ -151,7 +171,8 @@ static void creepages_tangent(const Wheelset *wheelset, const double x[], const 
 {
     const Parameters *p = &wheelset->p;
     const double v = e->v, v_r = e->v_r, d_v = d->v, d_v_r = d->v_r;
-    const double relative = x[Y] - wheelset->u.track_lateral_offset;
+    const Inputs *u = &wheelset->u;
+    const double relative = x[Y] - u->track_lateral_offset;
     const double d_relative = d_x[Y] - d_u->track_lateral_offset;
 
     for (int i = LEFT; i <= RIGHT; i++)
@@ -160,13 +181,14 @@ static void creepages_tangent(const Wheelset *wheelset, const double x[], const 
             d->driving[i] = d_u->prescribed_creepage;
             break;
         case TORQUE_DRIVEN:
-            d->driving[i] = (p->r0 * d_x[OMEGA_L + i] - d_v - e->driving[i] * d_v_r) / v_r;
+            d->driving[i] = (rolling_radius(p, i) * d_x[OMEGA_L + i] - d_v - e->driving[i] * d_v_r) / v_r;
             break;
         default:
             d->driving[i] = 0.0;
         }
-    d->guidance = (p->L_g * d_x[PSI_DOT] + (d_v * relative + v * d_relative) * p->gamma / p->r0
-                   - e->guidance * d_v_r) / v_r;
+    const double d_turning = p->L_g * (d_x[PSI_DOT] + d_v * u->curvature + v * d_u->curvature);
+    const double d_rolling = (d_v * relative + v * d_relative) * p->gamma / p->r0 + d_v * unequal_radii(p) / p->r0;
+    d->guidance = (d_turning + d_rolling - e->guidance * d_v_r) / v_r;
 
     const double d_creepage_y = (d_x[Y_DOT] - d_v * x[PSI] - v * d_x[PSI] - e->at[LEFT].creepage_y * d_v_r) / v_r;
     for (int i = LEFT; i <= RIGHT; i++) {
@@ -186,6 +208,7 @@ void wheelset_tangent(const Wheelset *wheelset, const double x[], const Evaluati
     creepages_tangent(wheelset, x, e, d_x, d_u, d);
     for (int i = LEFT; i <= RIGHT; i++)
         contact_force_tangent(&e->contact[i], &e->at[i], &d->at[i], &d->contact[i].force_x, &d->contact[i].force_y);
+    guiding_tangent(wheelset, x, e, d_x, d_u, d);
     motion(&wheelset->p, d_x, d_u, d);
 }
 
@@ -209,6 +232,7 @@ void wheelset_outputs_tangent(const Wheelset *wheelset, const Evaluation *e,
     d_outputs->forward_speed = d->v;
     d_outputs->relative_displacement = d_x[Y] - d_u->track_lateral_offset;
     d_outputs->axle_torque = d->axle_torque;
+    d_outputs->flange_force = d->flange.force;
 
     double load = 0.0, d_load = 0.0;
     for (int i = LEFT; i <= RIGHT; i++)

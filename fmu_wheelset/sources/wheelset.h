@@ -18,6 +18,13 @@ typedef struct {
     double k_w;                /* yaw stiffness to the frame */
     double I_L, I_R, k_s, c_s; /* spin inertias of the wheels, torsion of the axle */
     double M_v;                /* vehicle mass carried */
+    double delta_r;            /* rolling radius of the left wheel less that of the right */
+    double k_y, c_y, c_w;      /* suspension: lateral stiffness and damping, yaw damping */
+    double contact_angle;      /* of both wheels at the central position ... */
+    double contact_angle_rate; /* ... and what the left gains and the right loses by a displacement */
+    double flange_stiffness;   /* 0: no flanges */
+    double flange_clearance, flange_transition, flange_damping;
+    double g;                  /* gravitational acceleration */
     ContactPatch patch;
     double v0;                 /* speed below which creepages are regularised */
     double initial_creepage;   /* longitudinal, of torque driven wheels */
@@ -36,6 +43,8 @@ typedef struct {
     double traction_torque; /* on the right wheel */
     double suspension_lateral_force, suspension_yaw_moment;
     double curve_force;
+    double curvature; /* of the track, positive to the left */
+    double cant;      /* right rail above left */
     double running_resistance;
     double track_lateral_offset;
     WheelInputs wheel[2];
@@ -48,10 +57,17 @@ typedef struct {
 } Wheelset;
 
 typedef struct {
+    double force;             /* lateral, on the wheelset */
+    double by_y, by_y_dot;    /* its derivatives by displacement from the track and lateral velocity */
+} Flange;
+
+typedef struct {
     double v, v_r, v_r_slope;      /* speed, regularised speed and d(v_r)/dv */
     double driving[2];             /* longitudinal creepage without guidance */
     double guidance;               /* creepage by yawing and conicity, left; right has the opposite sign */
     double axle_torque;
+    Flange flange;
+    double guiding_force, guiding_moment; /* of flange, gravity and curve */
     ContactState at[2];
     Contact contact[2];
     double x_dot[N_STATES];
@@ -70,6 +86,7 @@ typedef struct {
     double relative_displacement;
     double axle_torque;
     double adhesion_used;
+    double flange_force;
     WheelOutputs wheel[2];
 } Outputs;
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,26 @@ settings.load_profile("laws")
 @pytest.fixture(scope="session")
 def wheelset() -> WheelsetParameters:
     return WheelsetParameters()
+
+
+@pytest.fixture(scope="session")
+def davis_wheelset() -> WheelsetParameters:
+    """Data of a course example (University of California, Davis, EME 134, lab 1).
+
+    Its lateral spring is 2 k1 and its gravitational stiffness 2 N/(R - R').
+    """
+    m, d, R, R_rail, k1, k2 = 1000.0, 0.72, 0.23, 0.20, 13e3, 13e3
+    return WheelsetParameters(
+        m_w=m,
+        I_w=m * d**2,
+        r0=0.46,
+        gamma=R * math.radians(1.0) / (R - R_rail),
+        L_g=d,
+        k_w=2.0 * k2 * (d / 2.0) ** 2,
+        k_y=2.0 * k1,
+        N=80e3 / 4.0,
+        contact_angle_rate=1.0 / (R - R_rail),
+    )
 
 
 @pytest.fixture(scope="session")

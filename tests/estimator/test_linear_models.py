@@ -53,6 +53,15 @@ def response(model: control.StateSpace, s: complex) -> NDArray[np.complex128]:
     return np.asarray(model.C @ resolvent + model.D)
 
 
+#: Springs, dampers and contact angles that the paper does not have.
+SPRUNG = {"k_y": 8e5, "c_y": 3e4, "c_w": 2e4, "contact_angle": 0.1, "contact_angle_rate": 8.0}
+
+
+@pytest.fixture(params=[{}, SPRUNG], ids=["plain", "sprung"])
+def either(request: pytest.FixtureRequest) -> WheelsetParameters:
+    return WheelsetParameters(**request.param)
+
+
 # Operating points ------------------------------------------------------------------------------------
 
 
@@ -112,21 +121,10 @@ def test_critical_speed(g: float, v: float, wheelset: WheelsetParameters) -> Non
     assert critical_speed(g, g, wheelset) == pytest.approx(v, abs=0.006)
 
 
-def test_wheelset_of_another_source_loses_stability_at_its_known_speed() -> None:
-    # Equations and data of a course example (University of California, Davis, EME 134, lab 1): ours with
-    # a lateral spring 2 k1 and the gravitational stiffness 2 N/(R - R') besides, added here.
-    m, d, R, R_rail, k1, k2, N = 1000.0, 0.72, 0.23, 0.20, 13e3, 13e3, 80e3 / 4
-    cone = R * math.radians(1.0) / (R - R_rail)
-    wheelset = WheelsetParameters(
-        m_w=m, I_w=m * d**2, r0=0.46, gamma=cone, L_g=d, k_w=2.0 * k2 * (d / 2.0) ** 2
-    )
-
-    def growth_with_lateral_spring(v: float) -> float:
-        A = np.array(wheelset_model(slopes(1e6, 1e6, v), wheelset).A)
-        A[2, 0] -= (2.0 * k1 + 2.0 * N / (R - R_rail)) / m
-        return float(np.max(np.linalg.eigvals(A).real))
-
-    assert brentq(growth_with_lateral_spring, 20.0, 80.0) == pytest.approx(48.55, abs=0.01)
+def test_wheelset_of_another_source_loses_stability_at_its_known_speed(
+    davis_wheelset: WheelsetParameters,
+) -> None:
+    assert critical_speed(1e6, 1e6, davis_wheelset) == pytest.approx(48.55, abs=0.01)
 
 
 # Laws of the wheelset model --------------------------------------------------------------------------
@@ -139,7 +137,9 @@ def accelerations(curve: CreepCurve, p: WheelsetParameters, creep: float, q: Arr
     creep_y = y_dot / curve.v - psi
     f_xL, f_yL = curve.forces(creep + steering, creep_y)
     f_xR, f_yR = curve.forces(creep - steering, creep_y)
-    return np.array([-(f_yR + f_yL) / p.m_w, ((f_xR - f_xL) * p.L_g - p.k_w * psi) / p.I_w])
+    spring = -p.k_y * y - p.c_y * y_dot - 2.0 * p.N * p.contact_angle_rate * (y - y_t)
+    moment = -p.k_w * psi - p.c_w * psi_dot + 2.0 * p.N * p.contact_angle * p.L_g * psi
+    return np.array([(spring - f_yR - f_yL) / p.m_w, ((f_xR - f_xL) * p.L_g + moment) / p.I_w])
 
 
 def jacobian(f: Callable[[Array], Array], steps: Array) -> Array:
@@ -156,21 +156,22 @@ def jacobian(f: Callable[[Array], Array], steps: Array) -> Array:
 @pytest.mark.parametrize("v", [5.0, 20.0, 60.0])
 @pytest.mark.parametrize("name", ["P1", "P2", "P3"])
 def test_model_is_the_derivative_of_the_nonlinear_equations(
-    condition: str, v: float, name: str, wheelset: WheelsetParameters
+    condition: str, v: float, name: str, either: WheelsetParameters
 ) -> None:
     curve = CreepCurve(CONDITIONS[condition], v)
     point = next(p for p in operating_points(curve) if p.name == name)
     creep = 3e-3 * point.creep
-    steps = creep * np.array([wheelset.r0 / wheelset.gamma, 1.0, v, v / wheelset.L_g, 1.0])
+    steps = creep * np.array([either.r0 / either.gamma, 1.0, v, v / either.L_g, 1.0])
     steps[4] = steps[0]
-    numeric = jacobian(lambda q: accelerations(curve, wheelset, point.creep, q), steps)
-    model = wheelset_model(point, wheelset)
+    numeric = jacobian(lambda q: accelerations(curve, either, point.creep, q), steps)
+    model = wheelset_model(point, either)
     linear = np.hstack([model.A[2:], model.B[2:]])
     # By rows, in creepages: at the maximum whole columns vanish.
     scale = np.max(np.abs(linear * steps), axis=1, keepdims=True)
     assert numeric * steps / scale == pytest.approx(linear * steps / scale, abs=1e-8)
     assert model.A[:2].tolist() == [[0, 0, 1, 0], [0, 0, 0, 1]]
     assert model.C.tolist() == [[0, 0, 0, 1], model.A[2].tolist()]
+    assert model.D.tolist() == [[0], model.B[2].tolist()]
 
 
 log_slopes = st.floats(5.0, 7.5).map(lambda power: 10.0**power)
@@ -194,6 +195,25 @@ def test_stability_is_lost_at_the_critical_speed_only(
         assert brentq(growth_at, 0.9 * v_c, 1.1 * v_c, xtol=1e-13) == pytest.approx(v_c, rel=1e-9)
 
 
+@given(
+    log_slopes, log_slopes, st.floats(1e5, 1e7), st.floats(0.0, 3e6), st.floats(0.0, 3e5), st.floats(0.0, 3e5)
+)
+def test_springs_and_dampers_count_in_the_critical_speed(
+    g11: float, g22: float, k_w: float, k_y: float, c_y: float, c_w: float
+) -> None:
+    wheelset = WheelsetParameters(
+        k_w=k_w, k_y=k_y, c_y=c_y, c_w=c_w, contact_angle=0.1, contact_angle_rate=5.0
+    )
+    v_c = critical_speed(g11, g22, wheelset)
+
+    def growth_at(v: float) -> float:
+        return growth(slopes(g11, g22, v), wheelset)
+
+    assert all(growth_at(v) < 0.0 for v in np.geomspace(0.1, min(0.999 * v_c, 1e4), 30))
+    if v_c < 1e4:
+        assert growth_at(1.001 * v_c) > 0.0
+
+
 def test_slack_grip_is_stable_at_every_speed(wheelset: WheelsetParameters) -> None:
     assert critical_speed(3e6, 3e6, wheelset) == math.inf
 
@@ -202,6 +222,12 @@ def test_without_a_yaw_spring_no_speed_is_stable() -> None:
     free = WheelsetParameters(k_w=0.0)
     assert critical_speed(1e7, 1e7, free) == 0.0
     assert all(growth(slopes(1e7, 1e7, v), free) > 0.0 for v in (0.1, 1.0, 10.0))
+
+
+def test_contact_angles_that_outweigh_the_yaw_spring_leave_no_speed_stable() -> None:
+    p = WheelsetParameters(contact_angle=0.5, k_w=0.9 * 0.5 * 2.0 * 79.7e3 * 0.75)
+    assert critical_speed(1e7, 1e7, p) == 0.0
+    assert all(growth(slopes(1e7, 1e7, v), p) > 0.0 for v in (0.1, 1.0, 10.0, 100.0))
 
 
 @pytest.mark.parametrize(("g11", "g22"), [(0.0, 1e6), (-1e5, 1e6), (1e6, 0.0), (math.nan, 1e6)])
@@ -241,32 +267,32 @@ def test_signals_are_named(points: dict[str, OperatingPoint], wheelset: Wheelset
 
 @pytest.mark.parametrize("name", ["P1", "P2", "P3"])
 def test_filter_model_has_the_modes_of_wheelset_and_track(
-    name: str, points: dict[str, OperatingPoint], wheelset: WheelsetParameters
+    name: str, points: dict[str, OperatingPoint], either: WheelsetParameters
 ) -> None:
-    plant = [*eigenvalues(wheelset_model(points[name], wheelset)), -TRACK_DECAY]
-    found = eigenvalues(filter_model(points[name], wheelset))
+    plant = [*eigenvalues(wheelset_model(points[name], either)), -TRACK_DECAY]
+    found = eigenvalues(filter_model(points[name], either))
     assert found == pytest.approx(in_order(plant), rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["P1", "P2", "P3"])
 @pytest.mark.parametrize("frequency", [1e-3, 1.0, 12.0, 84.5, 2e3])
 def test_filter_model_is_the_wheelset_on_a_track_that_integrates_w(
-    name: str, frequency: float, points: dict[str, OperatingPoint], wheelset: WheelsetParameters
+    name: str, frequency: float, points: dict[str, OperatingPoint], either: WheelsetParameters
 ) -> None:
     s = 0.3 + 1j * frequency  # off the axis, where P2 has its poles
     track = 1.0 / (s + TRACK_DECAY)
-    expected = response(wheelset_model(points[name], wheelset), s)[:, 0] * track
-    found = response(filter_model(points[name], wheelset), s)[:, 0]
+    expected = response(wheelset_model(points[name], either), s)[:, 0] * track
+    found = response(filter_model(points[name], either), s)[:, 0]
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize(("column", "row"), [(1, 2), (2, 3)])
 def test_unmodelled_accelerations_act_like_forces(
-    column: int, row: int, points: dict[str, OperatingPoint], wheelset: WheelsetParameters
+    column: int, row: int, points: dict[str, OperatingPoint], either: WheelsetParameters
 ) -> None:
-    plant = wheelset_model(points["P1"], wheelset)
+    plant = wheelset_model(points["P1"], either)
     forced = np.linalg.solve((0.5 + 7j) * np.eye(4) - plant.A, np.eye(4)[row])
-    found = response(filter_model(points["P1"], wheelset), 0.5 + 7j)[:, column]
+    found = response(filter_model(points["P1"], either), 0.5 + 7j)[:, column]
     assert found == pytest.approx(plant.C @ forced, rel=1e-9)
 
 

@@ -166,6 +166,8 @@ C_Peak = _struct("ContactPeak", **_doubles("creep_peak", "adhesion_peak"))
 C_Parameters = _struct(
     "Parameters",
     **_doubles("m_w", "I_w", "r0", "gamma", "L_g", "k_w", "I_L", "I_R", "k_s", "c_s", "M_v"),
+    **_doubles("delta_r", "k_y", "c_y", "c_w", "contact_angle", "contact_angle_rate"),
+    **_doubles("flange_stiffness", "flange_clearance", "flange_transition", "flange_damping", "g"),
     patch=C_Patch,
     **_doubles("v0", "initial_creepage"),
     drive_mode=ctypes.c_int32,
@@ -174,15 +176,19 @@ C_Parameters = _struct(
 C_WheelInputs = _struct("WheelInputs", normal_load=_real, rail=C_Rail)
 AXLE_INPUTS = (
     *("speed", "prescribed_creepage", "traction_torque", "suspension_lateral_force"),
-    *("suspension_yaw_moment", "curve_force", "running_resistance", "track_lateral_offset"),
+    *("suspension_yaw_moment", "curve_force", "curvature", "cant"),
+    *("running_resistance", "track_lateral_offset"),
 )
 C_Inputs = _struct("Inputs", **_doubles(*AXLE_INPUTS), wheel=C_WheelInputs * 2)
 C_Wheelset = _struct("Wheelset", p=C_Parameters, u=C_Inputs, x=_real * 8)
+C_Flange = _struct("Flange", **_doubles("force", "by_y", "by_y_dot"))
 C_Evaluation = _struct(
     "Evaluation",
     **_doubles("v", "v_r", "v_r_slope"),
     driving=_real * 2,
     **_doubles("guidance", "axle_torque"),
+    flange=C_Flange,
+    **_doubles("guiding_force", "guiding_moment"),
     at=C_State * 2,
     contact=C_Contact * 2,
     x_dot=_real * 8,
@@ -192,7 +198,7 @@ WHEEL_OUTPUTS = (
     *("adhesion_used", "g11", "g22"),
 )
 C_WheelOutputs = _struct("WheelOutputs", **_doubles(*WHEEL_OUTPUTS))
-AXLE_OUTPUTS = ("forward_speed", "relative_displacement", "axle_torque", "adhesion_used")
+AXLE_OUTPUTS = ("forward_speed", "relative_displacement", "axle_torque", "adhesion_used", "flange_force")
 C_Outputs = _struct("Outputs", **_doubles(*AXLE_OUTPUTS), wheel=C_WheelOutputs * 2)
 
 Evaluate = ctypes.CFUNCTYPE(
@@ -236,7 +242,7 @@ def compiler() -> Callable[..., Path]:
 @pytest.fixture(scope="session")
 def core(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """The C core as a library with structs; ``core.flat`` and ``core.filled`` convert them to arrays."""
-    files = [str(build.SOURCES / f"{name}.c") for name in ("contact", "wheelset", "integrator")]
+    files = [str(build.SOURCES / f"{name}.c") for name in ("contact", "guiding", "wheelset", "integrator")]
     path = compile_c(tmp_path_factory.mktemp("core") / "core.so", "-O2", "-shared", "-fPIC", *files)
     library = ctypes.CDLL(str(path))
     library.contact_peak.restype = library.contact_peak_tangent.restype = C_Peak
@@ -282,34 +288,69 @@ class Reference:
         p = self.p
         y, psi, y_dot, psi_dot, omega_L, omega_R, _, v = x
         v = v if self.forward else u["speed"]
+        r_L, r_R = self.radii
         v_r = self.regularised(v)
         drive = {
             DriveMode.PRESCRIBED_CREEP: (u["prescribed_creepage"],) * 2,
             DriveMode.FREE_ROLLING: (0.0, 0.0),
-            DriveMode.TORQUE_DRIVEN: ((p.r0 * omega_L - v) / v_r, (p.r0 * omega_R - v) / v_r),
+            DriveMode.TORQUE_DRIVEN: ((r_L * omega_L - v) / v_r, (r_R * omega_R - v) / v_r),
         }[self.mode]
-        turn = (p.L_g * psi_dot + v * p.gamma * (y - u["track_lateral_offset"]) / p.r0) / v_r
+        # On one axle of speed v/r0 the wheels roll r_L v/r0 and r_R v/r0.
+        excess = p.gamma * (y - u["track_lateral_offset"])
+        if self.mode is not DriveMode.TORQUE_DRIVEN:
+            excess += (r_L - r_R) / 2
+        turn = (p.L_g * (psi_dot + v * u["curvature"]) + v * excess / p.r0) / v_r
         lateral = (y_dot - v * psi) / v_r
         return (drive[0] + turn, lateral), (drive[1] - turn, lateral), v_r
 
     def force(self, lx: Any, ly: Any, v_r: Any, N: Any, rail: Mapping[str, Any]) -> tuple[Any, Any]:
         return polach(lx, ly, v_r, N, rail, self.p.patch)
 
+    @property
+    def radii(self) -> tuple[float, float]:
+        return self.p.r0 + self.p.delta_r / 2, self.p.r0 - self.p.delta_r / 2
+
+    def flange(self, y: Any, y_dot: Any) -> Any:
+        """Force on the wheelset at the displacement `y` from the track."""
+        p = self.p
+        side = 1.0 if y.real > 0 else -1.0
+        depth, rate = side * y - p.flange_clearance, p.flange_damping * side * y_dot
+        if depth.real <= 0:
+            return 0.0
+        s = p.flange_transition
+        elastic = p.flange_stiffness * (depth - s / 2 if depth.real > s else depth**2 / (2 * s))
+        return -side * elastic * (1 + rate if rate.real > 0 else 1 / (1 - rate))
+
+    def guiding(self, x: Any, u: Mapping[str, Any]) -> tuple[Any, Any]:
+        """Lateral force and yaw moment of flange, suspension, gravity and curve."""
+        p = self.p
+        y, psi, y_dot, psi_dot, *_, v = x
+        v = v if self.forward else u["speed"]
+        y_rel, N_L, N_R = y - u["track_lateral_offset"], u["normal_load_left"], u["normal_load_right"]
+        angle_L = p.contact_angle + p.contact_angle_rate * y_rel
+        angle_R = p.contact_angle - p.contact_angle_rate * y_rel
+        force = self.flange(y_rel, y_dot) - p.k_y * y - p.c_y * y_dot + N_R * angle_R - N_L * angle_L
+        force += p.m_w * (p.g * u["cant"] / (2 * p.L_g) - v**2 * u["curvature"])
+        return force, p.L_g * p.contact_angle * (N_L + N_R) * psi - p.c_w * psi_dot
+
     def x_dot(self, x: Any, u: Mapping[str, Any]) -> list[Any]:
         p = self.p
         _, psi, y_dot, psi_dot, omega_L, omega_R, theta, _ = x
+        r_L, r_R = self.radii
         left, right, v_r = self.creepages(x, u)
         f_L = self.force(*left, v_r, u["normal_load_left"], _rail(u, "left"))
         f_R = self.force(*right, v_r, u["normal_load_right"], _rail(u, "right"))
-        F_y = u["curve_force"] + u["suspension_lateral_force"]
+        force, moment = self.guiding(x, u)
+        F_y = u["curve_force"] + u["suspension_lateral_force"] + force
         y_ddot = (F_y - f_L[1] - f_R[1]) / p.m_w
-        psi_ddot = (p.L_g * (f_R[0] - f_L[0]) - p.k_w * psi + u["suspension_yaw_moment"]) / p.I_w
+        M_z = u["suspension_yaw_moment"] + moment - p.k_w * psi
+        psi_ddot = (p.L_g * (f_R[0] - f_L[0]) + M_z) / p.I_w
         spin = (0.0, 0.0, 0.0)
         if self.mode is DriveMode.TORQUE_DRIVEN:
             T_s = p.k_s * theta + p.c_s * (omega_R - omega_L)
             spin = (
-                (T_s - p.r0 * f_L[0]) / p.I_L,
-                (u["traction_torque"] - T_s - p.r0 * f_R[0]) / p.I_R,
+                (T_s - r_L * f_L[0]) / p.I_L,
+                (u["traction_torque"] - T_s - r_R * f_R[0]) / p.I_R,
                 omega_R - omega_L,
             )
         v_dot = (f_L[0] + f_R[0] - u["running_resistance"]) / p.M_v if self.forward else 0.0

@@ -79,6 +79,15 @@ def test_values_out_of_bounds(plant: MakePlant, fmi: int, name: str, value: floa
 
 
 @both
+def test_radii_that_are_none(plant: MakePlant, fmi: int) -> None:
+    one = plant(fmi, r0=0.04, delta_r=-0.08)
+    refused(one, one.initialise, "delta_r: got -0.08 m, expected a difference of radii below 2 r0 = 0.08 m")
+    one.slave.reset()
+    one.set(r0=0.04, delta_r=-0.079)
+    one.initialise().step(0.0, 1e-3)
+
+
+@both
 @pytest.mark.parametrize("value", [0, 4, -1])
 def test_unknown_drive_mode(plant: MakePlant, fmi: int, value: int) -> None:
     one = plant(fmi)

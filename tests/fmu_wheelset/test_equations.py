@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,12 @@ STEP = 1e-30
 #: Ordinary magnitudes of the states: y, psi, their rates, wheel speeds, twist, speed.
 SCALE = np.array([2e-3, 1e-3, 2e-2, 2e-2, 0.5, 0.5, 1e-3, 5.0])
 
+#: All options on; the states reach from free running through the flange's transition to beyond it.
+OPTIONS = {
+    "delta_r": 2e-3, "k_y": 3e5, "c_y": 2e4, "c_w": 5e3, "contact_angle": 0.1, "contact_angle_rate": 12.0,
+    "flange_stiffness": 1.5e7, "flange_clearance": 5e-4, "flange_transition": 5e-4, "flange_damping": 40.0,
+}  # fmt: skip
+
 modes = st.sampled_from(list(DriveMode))
 switches = st.booleans()
 speeds = st.one_of(st.floats(-60.0, 100.0), st.floats(-0.2, 0.2))
@@ -34,9 +41,10 @@ class Point:
     """A reference model, states and inputs at which derivatives are taken."""
 
     def __init__(
-        self, reference: Any, mode: DriveMode, forward: bool, v: float, unit: Any, rails: Any
+        self, reference: Any, mode: DriveMode, forward: bool, options: bool, v: float, unit: Any, rails: Any
     ) -> None:
-        self.model = reference.Model(mode, forward, WheelsetParameters(c_s=33.0))
+        chosen = OPTIONS if options else {}
+        self.model = reference.Model(mode, forward, WheelsetParameters(c_s=33.0, **chosen))
         rolling = np.array([0, 0, 0, 0, v / 0.5, v / 0.5, 0, v])
         self.x = rolling + SCALE * unit * (np.arange(8) < 7)
         sides = {**reference.with_rail(CONDITIONS[rails[0]], "left")}
@@ -51,6 +59,8 @@ class Point:
                 "suspension_lateral_force": -3e3,
                 "suspension_yaw_moment": 2e3,
                 "curve_force": 1e3,
+                "curvature": 2e-3,
+                "cant": -0.1,
                 "running_resistance": 4e2,
                 "track_lateral_offset": 5e-4,
                 "normal_load_right": 7e4,
@@ -88,28 +98,29 @@ def tangent(core: SimpleNamespace, evaluate: Any) -> Callable[..., tuple[np.ndar
     return call
 
 
-@given(modes, switches, speeds, units, names, names)
+@given(modes, switches, switches, speeds, units, names, names)
 def test_state_derivatives_agree_with_the_reference(
     reference: SimpleNamespace,
     evaluate: Any,
     mode: DriveMode,
     forward: bool,
+    options: bool,
     v: float,
     unit: Any,
     a: str,
     b: str,
 ) -> None:
-    point = Point(reference, mode, forward, v, unit, (a, b))
+    point = Point(reference, mode, forward, options, v, unit, (a, b))
     expected = point.model.x_dot(list(point.x), point.u)
     assert list(evaluate(point)[1].x_dot) == pytest.approx(expected, rel=1e-10, abs=1e-9)
 
 
-@given(modes, switches, speeds, units, names)
+@given(modes, switches, switches, speeds, units, names)
 def test_cheap_derivatives_have_the_same_bits(
     core: SimpleNamespace, reference: SimpleNamespace, evaluate: Any,
-    mode: DriveMode, forward: bool, v: float, unit: Any, name: str,
+    mode: DriveMode, forward: bool, options: bool, v: float, unit: Any, name: str,
 ) -> None:  # fmt: skip
-    wheelset, e, _ = evaluate(Point(reference, mode, forward, v, unit, (name, name)))
+    wheelset, e, _ = evaluate(Point(reference, mode, forward, options, v, unit, (name, name)))
     x_dot = core.vector(*[0.0] * 8)
     core.library.wheelset_derivatives(ctypes.byref(wheelset), wheelset.x, x_dot)
     assert list(x_dot) == list(e.x_dot)
@@ -121,13 +132,14 @@ def complex_derivative(point: Point, d_x: np.ndarray, d_u: dict[str, float]) -> 
     return np.array([complex(value).imag / STEP for value in point.model.x_dot(x, u)])
 
 
-@given(modes, switches, speeds, units, units, st.randoms(use_true_random=False), names)
+@given(modes, switches, switches, speeds, units, units, st.randoms(use_true_random=False), names)
 def test_tangent_of_state_derivatives_is_exact(
     reference: SimpleNamespace, tangent: Any,
-    mode: DriveMode, forward: bool, v: float, unit: Any, direction: Any, random: Any, name: str,
+    mode: DriveMode, forward: bool, options: bool, v: float,
+    unit: Any, direction: Any, random: Any, name: str,
 ) -> None:  # fmt: skip
     unit = np.where(np.abs(unit) < 1e-3, 0.5, unit)  # at zero creep the law has no derivative
-    point = Point(reference, mode, forward, v, unit, (name, name))
+    point = Point(reference, mode, forward, options, v, unit, (name, name))
     d_x = SCALE * direction
     d_u = {name: random.uniform(-1, 1) * max(abs(value), 1e-3) for name, value in point.u.items()}
     expected = complex_derivative(point, d_x, d_u)
@@ -138,13 +150,14 @@ def test_tangent_of_state_derivatives_is_exact(
 
 @pytest.mark.parametrize("mode", list(DriveMode))
 @pytest.mark.parametrize("forward", [False, True])
+@pytest.mark.parametrize("options", [False, True])
 @pytest.mark.parametrize("v", [20.0, 0.05, -20.0])
 def test_tangent_of_outputs_is_exact(
     core: SimpleNamespace, reference: SimpleNamespace, evaluate: Any, tangent: Any,
-    mode: DriveMode, forward: bool, v: float,
+    mode: DriveMode, forward: bool, options: bool, v: float,
 ) -> None:  # fmt: skip
     rng = np.random.default_rng(1)
-    point = Point(reference, mode, forward, v, rng.uniform(0.2, 1.0, 8), ("dry", "wet"))
+    point = Point(reference, mode, forward, options, v, rng.uniform(0.2, 1.0, 8), ("dry", "wet"))
     if v < 1.0:
         point.x = point.x * 0.01 + [0, 0, 0, 0, 0, 0, 0, v]
     relative = 1e-4 if abs(v) > 1.0 else 1e-5
@@ -152,7 +165,7 @@ def test_tangent_of_outputs_is_exact(
     d_u = {n: relative * rng.uniform(-1, 1) * (abs(value) or 1e-3) for n, value in point.u.items()}
 
     def outputs(k: float) -> np.ndarray:
-        moved = Point(reference, mode, forward, v, np.zeros(8), ("dry", "wet"))
+        moved = Point(reference, mode, forward, options, v, np.zeros(8), ("dry", "wet"))
         moved.x = point.x + k * d_x
         moved.u = {n: value + k * d_u[n] for n, value in point.u.items()}
         return core.flat(evaluate(moved)[2])
@@ -165,12 +178,12 @@ def test_tangent_of_outputs_is_exact(
     assert (np.abs(found - expected) <= 1e-6 * np.abs(expected) + 1e-11 * scale).all()
 
 
-@given(modes, switches, speeds, units, names)
+@given(modes, switches, switches, speeds, units, names)
 def test_jacobian_holds_the_tangents_of_moving_states(
     core: SimpleNamespace, reference: SimpleNamespace, evaluate: Any, tangent: Any,
-    mode: DriveMode, forward: bool, v: float, unit: Any, name: str,
+    mode: DriveMode, forward: bool, options: bool, v: float, unit: Any, name: str,
 ) -> None:  # fmt: skip
-    point = Point(reference, mode, forward, v, unit, (name, name))
+    point = Point(reference, mode, forward, options, v, unit, (name, name))
     wheelset, e, _ = evaluate(point)
     J = core.vector(*[np.nan] * 64)
     core.library.wheelset_jacobian(ctypes.byref(wheelset), wheelset.x, ctypes.byref(e), J)
@@ -195,7 +208,7 @@ def test_only_states_that_can_move_are_integrated(
     core: SimpleNamespace, reference: SimpleNamespace, evaluate: Any,
     mode: DriveMode, forward: bool, expected: list[int],
 ) -> None:  # fmt: skip
-    point = Point(reference, mode, forward, 20.0, np.linspace(0.2, 0.9, 8), ("dry", "low"))
+    point = Point(reference, mode, forward, False, 20.0, np.linspace(0.2, 0.9, 8), ("dry", "low"))
     wheelset, e, _ = evaluate(point)
     moving = (ctypes.c_int * 8)()
     n = core.library.wheelset_moving_states(ctypes.byref(wheelset.p), moving)
@@ -209,7 +222,7 @@ def test_declared_dependencies_are_the_true_ones(reference: SimpleNamespace, tan
         f"x_dot[{s}]": i
         for i, s in enumerate(("Y", "PSI", "Y_DOT", "PSI_DOT", "OMEGA_L", "OMEGA_R", "THETA", "V"))
     }
-    axle = ("forward_speed", "relative_displacement", "axle_torque", "adhesion_used")
+    axle = ("forward_speed", "relative_displacement", "axle_torque", "adhesion_used", "flange_force")
     wheel = (
         "wheel_speed",
         "creepage_x",
@@ -222,15 +235,15 @@ def test_declared_dependencies_are_the_true_ones(reference: SimpleNamespace, tan
     )
     from_c |= {f"outputs.{name}": 8 + i for i, name in enumerate(axle)}
     for k, side in enumerate(("LEFT", "RIGHT")):
-        from_c |= {f"outputs.wheel[{side}].{name}": 12 + 8 * k + i for i, name in enumerate(wheel)}
+        from_c |= {f"outputs.wheel[{side}].{name}": 13 + 8 * k + i for i, name in enumerate(wheel)}
     rows = {v.name: from_c[v.field] for v in VARIABLES if v.field in from_c}
     states = [v.name for v in VARIABLES if v.is_state]
 
     found: dict[str, set[str]] = {name: set() for name in rows}
-    unit = np.array([0.4, 0.3, -0.5, 0.6, 0.7, -0.4, 0.3, 0.5])
+    unit = np.array([0.6, 0.3, -0.5, 0.6, 0.7, -0.4, 0.3, 0.5])
     for mode in DriveMode:
-        for forward in (False, True):
-            point = Point(reference, mode, forward, 20.0, unit, ("dry", "wet"))
+        for forward, options in itertools.product((False, True), repeat=2):
+            point = Point(reference, mode, forward, options, 20.0, unit, ("dry", "wet"))
             for name in (*point.u, *states):
                 d_x = np.array([float(state == name) for state in states])
                 d_u = {n: float(n == name) for n in point.u}

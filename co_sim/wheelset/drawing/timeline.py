@@ -84,9 +84,10 @@ def mark_range(ax: Axes, experiment: Experiment, run: Run, *, label: bool) -> No
     if not label:
         return
     limit = experiment.scenario.identifier.valid_offset * 1e3
+    where = "filters" if experiment.scenario.has_flanges else "model"
     fits = run.valid_until < 0.6 * end
     ax.annotate(
-        f"beyond {quantity(limit, 'mm')}: no flange in the model",
+        f"beyond {quantity(limit, 'mm')}: no flange in the {where}",
         ((run.valid_until + end) / 2.0 if fits else run.valid_until, 0.985),
         xytext=(0 if fits else -4, 0),
         textcoords="offset points",

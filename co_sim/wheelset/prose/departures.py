@@ -205,11 +205,17 @@ def _out_of_range(experiment: Experiment, run: Run) -> Departure:
     stretches = [s for s in experiment.stretches if s.run == run.name]
     valid, windows = sum(s.valid_windows for s in stretches), sum(s.windows for s in stretches)
     greatest = float(np.max(np.abs(run.signals["plant.relative_displacement"]))) * 1e3
+    reason = (
+        f"flange may touch the rail. The filters know no flange. The motion goes on, to "
+        f"{quantity(greatest, 'mm', 2)}."
+        if experiment.scenario.has_flanges
+        else f"flange would touch the rail. The model has no flange, so the motion goes on, to "
+        f"{quantity(greatest, 'mm', 2)}, and means nothing."
+    )
     return Departure(
         f"Run {run.name} leaves the range of the model",
         f"At {quantity(run.valid_until, 's')} the wheelset is {quantity(limit, 'mm')} off the track, where a "
-        f"flange would touch the rail. The model has no flange, so the motion goes on, to "
-        f"{quantity(greatest, 'mm', 2)}, and means nothing. {windows - valid} of the {windows} windows end "
+        f"{reason} {windows - valid} of the {windows} windows end "
         f"after that time and do not count.",
     )
 

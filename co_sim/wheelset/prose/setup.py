@@ -36,11 +36,13 @@ def described(experiment: Experiment) -> list[tuple[str, str]]:
 
 
 def _plant(scenario: Scenario) -> str:
-    simulation = scenario.simulation
+    simulation, clearance = scenario.simulation, scenario.parameters.flange_clearance
+    touch = f"Its flanges touch the rails {quantity(clearance * 1e3, 'mm')} off the track."
     return (
         f"Nonlinear wheelset with Polach's creep law, as an FMU (FMI {scenario.fmu.version}), stepped by the "
         f"co-simulation every {quantity(simulation.step * 1e3, 'ms')}; each run lasts "
-        f"{quantity(simulation.duration, 's')}. The model has no flange."
+        f"{quantity(simulation.duration, 's')}. "
+        f"{touch if scenario.has_flanges else 'The model has no flange.'}"
     )
 
 

@@ -3,6 +3,7 @@
 import itertools
 import re
 import struct
+from dataclasses import replace
 
 import matplotlib as mpl
 import numpy as np
@@ -19,6 +20,7 @@ from co_sim.wheelset.drawing.fuzzy import draw_membership, draw_output, draw_sys
 from co_sim.wheelset.drawing.motion import draw_motion
 from co_sim.wheelset.drawing.sheet import STYLE, Sheet, colour, envelope, shorten, spread, thin
 from co_sim.wheelset.figures import draw
+from co_sim.wheelset.scenario import Scenario
 
 LAW = settings(deadline=None, derandomize=True, max_examples=60)
 
@@ -208,6 +210,12 @@ def test_only_what_lies_beyond_the_range_is_hatched(paper):
             assert bool(spans) == (run.name == "P3")
             assert all(span.get_x() == 1.6 for span in spans)
             assert all(span.get_x() + span.get_width() == run.time[-1] for span in spans)
+
+
+def test_hatching_says_who_has_no_flange(paper):
+    guided = replace(paper, scenario=Scenario.model_validate({"wheelset": {"flange_stiffness": 1e7}}))
+    texts = [t.get_text() for ax in draw_motion(guided, guided.runs[2]).sheet.figure.axes for t in ax.texts]
+    assert "beyond 8\u00a0mm: no flange in the filters" in texts
 
 
 def test_windows_that_fill_are_shaded_on_every_stretch(drop):

@@ -201,6 +201,17 @@ def test_p3_leaves_the_range_and_its_late_windows_do_not_count(paper, write):
     assert "Run P1 leaves" not in text_of(write(paper))
 
 
+def test_flanges_of_the_plant_are_said(paper, write):
+    flanges = {"flange_stiffness": 1.5e7, "flange_clearance": 9e-3}
+    wheelset = paper.scenario.wheelset.model_copy(update=flanges)
+    guided = replace(paper, scenario=paper.scenario.model_copy(update={"wheelset": wheelset}))
+    text = headed(guided)["Run P3 leaves the range of the model"]
+    assert "The filters know no flange" in text
+    assert "Its flanges touch the rails 9 mm off the track" in text_of(write(guided))
+    for plain in (headed(paper)["Run P3 leaves the range of the model"], text_of(write(paper))):
+        assert "The model has no flange" in plain
+
+
 def test_misses_of_the_true_filter_are_said(paper):
     heading = "Run P3, dry rail: dry-P3 does not have the smallest residual throughout"
     share = 1.0 - paper.stretches[2].share_smallest_valid["dry-P3"]
