@@ -1,5 +1,7 @@
 #include "wheelset.h"
 
+#include "elementary.h"
+
 #include <math.h>
 
 /* v_r = |v|, continued below v0 by a parabola with the same value and slope, so that 1/v_r stays finite. */
@@ -197,7 +199,7 @@ static double resultant_tangent(const Contact *contact, const ContactState *at,
         return 0.0;
     const double force = contact->secant * contact->creep;
     if (!(force > 0.0))
-        return hypot(d_contact->force_x, d_contact->force_y) / at->normal_load;
+        return portable_length(d_contact->force_x, d_contact->force_y) / at->normal_load;
     const double d_force = (contact->force_x * d_contact->force_x + contact->force_y * d_contact->force_y) / force;
     return (d_force - force / at->normal_load * d_at->normal_load) / at->normal_load;
 }

@@ -236,7 +236,7 @@ def compiler() -> Callable[..., Path]:
 @pytest.fixture(scope="session")
 def core(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """The C core as a library with structs; ``core.flat`` and ``core.filled`` convert them to arrays."""
-    files = [str(build.SOURCES / f"{name}.c") for name in ("contact", "wheelset", "integrator")]
+    files = [str(build.SOURCES / f"{name}.c") for name in ("contact", "elementary", "wheelset", "integrator")]
     path = compile_c(tmp_path_factory.mktemp("core") / "core.so", "-O2", "-shared", "-fPIC", *files)
     library = ctypes.CDLL(str(path))
     library.contact_peak.restype = library.contact_peak_tangent.restype = C_Peak
