@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import platform
 import re
 import shutil
 import subprocess
@@ -15,6 +16,8 @@ from fmpy.validation import validate_fmu
 
 import fmu_wheelset
 from fmu_wheelset import CONDITIONS, ContactPatch, WheelsetParameters, build, model_description
+from fmu_wheelset.archive import write_archive
+from fmu_wheelset.targets import Target, host_target
 from fmu_wheelset.variables import REFERENCES, UNITS, VARIABLES
 
 if TYPE_CHECKING:
@@ -174,9 +177,9 @@ def test_import_needs_the_standard_library_only() -> None:
 
 
 def test_unknown_machine_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build.platform, "machine", lambda: "riscv64")
+    monkeypatch.setattr(platform, "machine", lambda: "riscv64")
     with pytest.raises(RuntimeError, match=r"platform: got \w+ riscv64, expected one of Linux x86_64"):
-        build.host_target()
+        host_target()
 
 
 def test_error_in_the_c_code_is_shown_and_leaves_no_archive(
@@ -203,10 +206,10 @@ def test_missing_build_dependency_tells_the_remedy(
 
 def test_failed_write_keeps_the_old_archive(tmp_path: Path) -> None:
     archive = tmp_path / "x.fmu"
-    build._write_archive(archive, {"a": b"old"})
+    write_archive(archive, {"a": b"old"})
     before = archive.read_bytes()
     with pytest.raises(TypeError):
-        build._write_archive(archive, {"a": None})  # type: ignore[dict-item]
+        write_archive(archive, {"a": None})  # type: ignore[dict-item]
     assert archive.read_bytes() == before
     assert list(tmp_path.iterdir()) == [archive]
 
@@ -218,10 +221,10 @@ def test_build_hook_tags_the_wheel_with_its_platform(
     pytest.importorskip("hatchling")
     from fmu_wheelset.hatch_hook import WheelsetBuildHook
 
-    built: list[build.Target] = []
+    built: list[Target] = []
 
-    def record(*, target: build.Target) -> None:
-        built.append(target)
+    def record(*, targets: list[Target]) -> None:
+        built.extend(targets)
 
     monkeypatch.setattr(build, "build", record)
     data: dict[str, object] = {}
@@ -229,5 +232,5 @@ def test_build_hook_tags_the_wheel_with_its_platform(
         hook = WheelsetBuildHook(str(build.PACKAGE.parent), {}, None, None, str(tmp_path), target_name)
         hook.initialize(version, data)
         assert (data != {}) == (target_name == "wheel")
-    assert built == [build.host_target()]
+    assert built == [host_target()]
     assert data == {"pure_python": False, "tag": f"py3-none-{built[0].wheel_tag}"}
