@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import ctypes
 import math
+import re
 import subprocess
 import sys
 from dataclasses import dataclass, field, fields
@@ -38,6 +39,22 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
     """FMUs of the present sources, by FMI version."""
     fmi2, fmi3 = build.build(tmp_path_factory.mktemp("archives"))
     return {2: fmi2, 3: fmi3}
+
+
+@pytest.fixture(scope="session")
+def fmi_functions() -> set[str]:
+    """Names of all functions that the headers of both standards declare."""
+    found = {
+        name
+        for version in (2, 3)
+        for name in re.findall(
+            rf"^\s*FMI{version}_Export\s+\w+\s+(fmi{version}\w+);",
+            (build.fmi_headers() / f"fmi{version}Functions.h").read_text(),
+            re.MULTILINE,
+        )
+    }
+    assert len(found) == 44 + 75
+    return found
 
 
 class Plant:

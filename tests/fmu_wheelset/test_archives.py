@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
 import platform
-import re
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -79,36 +76,6 @@ def test_structure_lists_outputs_and_derivatives(extracted: Extracted, fmi: int)
     for unknown in (*description.outputs, *description.derivatives):
         declared = set(VARIABLES[REFERENCES[unknown.variable.name]].depends_on)
         assert {v.name for v in unknown.dependencies} == declared
-
-
-@both
-def test_library_exports_exactly_the_functions_of_both_standards(extracted: Extracted, fmi: int) -> None:
-    (library,) = (extracted[fmi][0] / "binaries").rglob("wheelset.so")
-    declared = {
-        name
-        for version in (2, 3)
-        for name in re.findall(
-            rf"^\s*FMI{version}_Export\s+\w+\s+(fmi{version}\w+);",
-            (build.fmi_headers() / f"fmi{version}Functions.h").read_text(),
-            re.MULTILINE,
-        )
-    }
-    assert len(declared) == 44 + 75
-    loaded = ctypes.CDLL(str(library))
-    assert [name for name in sorted(declared) if not hasattr(loaded, name)] == []
-    for name in ("component_step", "wheelset_evaluate", "contact_evaluate", "integrator_advance"):
-        assert not hasattr(loaded, name)
-
-
-def test_library_exports_nothing_else(extracted: Extracted) -> None:
-    nm = shutil.which("nm")
-    if nm is None:
-        pytest.skip("nm is not installed")
-    (library,) = (extracted[3][0] / "binaries").rglob("wheelset.so")
-    listed = subprocess.run([nm, "-D", "--defined-only", library], capture_output=True, text=True, check=True)
-    symbols = {line.split()[-1] for line in listed.stdout.splitlines()}
-    assert {name for name in symbols if not name.startswith(("fmi2", "fmi3"))} == set()
-    assert len(symbols) == 44 + 75
 
 
 def test_two_builds_give_the_same_bytes(archives: dict[int, Path], tmp_path: Path) -> None:
