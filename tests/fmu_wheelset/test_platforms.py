@@ -45,8 +45,8 @@ FMI3_LIBRARIES = {
 }
 #: What the platforms' C libraries do for us: memory, text, and mathematics that IEEE 754 or C fix to the bit.
 MEMORY_AND_TEXT = {
-    *("bcmp", "bzero", "calloc", "free", "memcmp", "memcpy", "memmove", "memset"),
-    *("strcmp", "strcpy", "strlen", "vsnprintf"),
+    *("calloc", "free", "malloc", "bcmp", "bzero", "memchr", "memcmp", "memcpy", "memmove", "memset"),
+    *("strchr", "strcmp", "strcpy", "strlen", "strncmp", "strncpy", "vsnprintf"),
 }
 EXACT_MATHEMATICS = {"ceil", "fabs", "floor", "fmax", "fmin", "sqrt"}
 LOADER = {"dyld_stub_binder"}
