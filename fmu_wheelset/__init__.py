@@ -1,6 +1,7 @@
 """The plant: a nonlinear wheelset on rails as an FMU, and the parameters that it shares with the estimator.
 
-`path` gives the packaged archive. Importing this package needs the standard library only.
+`path` gives the packaged archive and `export` a copy with other start values. Importing this package needs
+the standard library only.
 """
 
 from __future__ import annotations
@@ -8,9 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from fmu_wheelset.exporting import export
 from fmu_wheelset.parameters import CONDITIONS, ContactPatch, RailCondition, WheelsetParameters
 
-__all__ = ["CONDITIONS", "ContactPatch", "RailCondition", "WheelsetParameters", "path"]
+__all__ = ["CONDITIONS", "ContactPatch", "RailCondition", "WheelsetParameters", "export", "path"]
 
 _REMEDY = "run `python -m pip install .` in the project folder"
 

@@ -1,26 +1,32 @@
 """Compile the C core and pack the FMUs: the only file that touches a compiler.
 
-``python -m fmu_wheelset.build`` writes both archives for the machine it runs on. It needs the packages
-ziglang (the compiler) and fmpy (the FMI headers in its wheel); importing this module does not.
+``python -m fmu_wheelset.build`` writes both archives for the machine it runs on, and with ``--all`` for all
+platforms. It needs the packages ziglang (the compiler) and fmpy (the FMI headers in its wheel); importing
+this module does not.
 """
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
-import os
-import platform
 import subprocess
 import sys
 import tempfile
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 from fmu_wheelset import model_description
+from fmu_wheelset.archive import write_archive
+from fmu_wheelset.mach_o import universal
 from fmu_wheelset.model_description import MODEL
+from fmu_wheelset.targets import TARGETS, Target, host_target
 
-__all__ = ["ARCHIVES", "TARGETS", "Target", "archive_token", "build", "host_target", "present_token"]
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["ARCHIVES", "archive_token", "build", "present_token"]
 
 PACKAGE = Path(__file__).parent
 SOURCES = PACKAGE / "sources"
@@ -32,60 +38,6 @@ FLAGS = (
     *("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-g0", "-s", "-shared", "-fPIC"),
     *("-Wall", "-Wextra", "-Wpedantic", "-Werror"),
 )
-ZIP_DATE = (1980, 1, 1, 0, 0, 0)
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """A platform for which the shared library can be built.
-
-    Parameters
-    ----------
-    triple : what the compiler calls it.
-    fmi2_folder, fmi3_folder : folder of the library below ``binaries/``.
-    suffix : of the shared library.
-    wheel_tag : platform tag of a wheel that holds it.
-    """
-
-    triple: str
-    fmi2_folder: str
-    fmi3_folder: str
-    suffix: str
-    wheel_tag: str
-
-
-#: Targets by (system, machine) as the platform module names them.
-TARGETS = {
-    ("Linux", "x86_64"): Target(
-        triple="x86_64-linux-gnu.2.17",
-        fmi2_folder="linux64",
-        fmi3_folder="x86_64-linux",
-        suffix=".so",
-        wheel_tag="manylinux_2_17_x86_64",
-    ),
-    ("Linux", "aarch64"): Target(
-        triple="aarch64-linux-gnu.2.17",
-        fmi2_folder="aarch64-linux",
-        fmi3_folder="aarch64-linux",
-        suffix=".so",
-        wheel_tag="manylinux_2_17_aarch64",
-    ),
-}
-
-
-def host_target() -> Target:
-    """Return the target of this machine.
-
-    Raises
-    ------
-    RuntimeError
-        The machine is none of `TARGETS`.
-    """
-    host = (platform.system(), platform.machine())
-    if host not in TARGETS:
-        known = ", ".join(" ".join(target) for target in TARGETS)
-        raise RuntimeError(f"platform: got {' '.join(host)}, expected one of {known}; build on one of those")
-    return TARGETS[host]
 
 
 def read_sources() -> dict[str, bytes]:
@@ -135,32 +87,22 @@ def _compile(folder: Path, c_files: list[str], target: Target) -> bytes:
     return (folder / library).read_bytes()
 
 
-def _write_archive(path: Path, files: dict[str, bytes]) -> None:
-    """Write a zip file with sorted names and fixed dates; the old one stays if this fails."""
-    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    temporary = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-            for member in sorted(files):
-                info = zipfile.ZipInfo(member, ZIP_DATE)
-                info.compress_type = zipfile.ZIP_DEFLATED
-                info.create_system = 3
-                info.external_attr = 0o644 << 16
-                archive.writestr(info, files[member])
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+def _binaries(libraries: Mapping[Target, bytes], fmi: int) -> dict[str, bytes]:
+    """Return the libraries by their path in an archive; those that share a path become a universal one."""
+    by_path: dict[str, list[bytes]] = {}
+    for target, library in libraries.items():
+        folder = target.fmi2_folder if fmi == 2 else target.fmi3_folder
+        by_path.setdefault(f"binaries/{folder}/{MODEL}{target.suffix}", []).append(library)
+    return {path: found[0] if len(found) == 1 else universal(found) for path, found in by_path.items()}
 
 
-def build(folder: Path = ARCHIVES, target: Target | None = None) -> tuple[Path, Path]:
+def build(folder: Path = ARCHIVES, targets: Sequence[Target] | None = None) -> tuple[Path, Path]:
     """Build the FMI 2 and the FMI 3 archive.
 
     Parameters
     ----------
     folder : where to write ``wheelset_fmi2.fmu`` and ``wheelset_fmi3.fmu``; created if missing.
-    target : platform of the binary; this machine by default.
+    targets : platforms whose binaries the archives hold; this machine by default.
 
     Returns
     -------
@@ -171,7 +113,7 @@ def build(folder: Path = ARCHIVES, target: Target | None = None) -> tuple[Path, 
     RuntimeError
         No compiler, no headers, an unknown machine, or an error in the C code.
     """
-    target = target or host_target()
+    targets = targets or [host_target()]
     sources = read_sources()
     token = model_description.instantiation_token(sources)
     sources["variables.h"] = model_description.c_header(token).encode()
@@ -179,27 +121,23 @@ def build(folder: Path = ARCHIVES, target: Target | None = None) -> tuple[Path, 
     with tempfile.TemporaryDirectory() as name:
         for file, content in sources.items():
             (Path(name) / file).write_bytes(content)
-        library = _compile(Path(name), c_files, target)
+        libraries = {target: _compile(Path(name), c_files, target) for target in targets}
 
     folder.mkdir(parents=True, exist_ok=True)
-    license_text = _license()
     common = {f"sources/{file}": content for file, content in sources.items()}
+    common["documentation/licenses/license.txt"] = _license()
     fmi2_files = [file for file in c_files if file != "fmi3.c"]
     fmi3_files = [file for file in c_files if file != "fmi2.c"]
-    fmi2 = common | {
+    fmi2 = {
         "modelDescription.xml": model_description.fmi2_xml(token, fmi2_files).encode(),
-        f"binaries/{target.fmi2_folder}/{MODEL}{target.suffix}": library,
-        "documentation/licenses/license.txt": license_text,
     }
-    fmi3 = common | {
+    fmi3 = {
         "modelDescription.xml": model_description.fmi3_xml(token).encode(),
         "sources/buildDescription.xml": model_description.build_description(fmi3_files).encode(),
-        f"binaries/{target.fmi3_folder}/{MODEL}{target.suffix}": library,
-        "documentation/licenses/license.txt": license_text,
     }
     paths = folder / f"{MODEL}_fmi2.fmu", folder / f"{MODEL}_fmi3.fmu"
-    _write_archive(paths[0], fmi2)
-    _write_archive(paths[1], fmi3)
+    write_archive(paths[0], common | fmi2 | _binaries(libraries, 2))
+    write_archive(paths[1], common | fmi3 | _binaries(libraries, 3))
     return paths
 
 
@@ -208,6 +146,19 @@ def _license() -> bytes:
     return (PACKAGE.parent / "LICENSE").read_bytes()
 
 
-if __name__ == "__main__":
-    for written in build():
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Build from the command line and print the paths of the archives."""
+    parser = argparse.ArgumentParser(prog="python -m fmu_wheelset.build", description=main.__doc__)
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="binaries for all platforms, as a release has them; the first time takes minutes",
+    )
+    parser.add_argument("--out", type=Path, default=ARCHIVES, metavar="DIR", help="folder for the archives")
+    options = parser.parse_args(arguments)
+    for written in build(options.out, list(TARGETS.values()) if options.all else None):
         sys.stdout.write(f"{written}\n")
+
+
+if __name__ == "__main__":
+    main()

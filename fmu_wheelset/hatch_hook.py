@@ -17,10 +17,10 @@ class WheelsetBuildHook(BuildHookInterface[Any]):  # type: ignore[misc, unused-i
             return
         sys.path.insert(0, self.root)
         try:
-            from fmu_wheelset import build
+            from fmu_wheelset import build, targets
 
-            target = build.host_target()
-            build.build(target=target)
+            target = targets.host_target()
+            build.build(targets=[target])
         finally:
             sys.path.remove(self.root)
         build_data["pure_python"] = False

@@ -195,6 +195,38 @@ def scenario(name: str | None, fields: bool) -> None:
         _refuse(error)
 
 
+@cli.command(
+    epilog="""\b
+Examples:
+  wheelset export --out wheelset.fmu
+  wheelset export --fmi 2 --out heavy.fmu --parameters heavy.toml
+
+\b
+FILE.toml holds start values by the names of the FMU's variables:
+  m_w = 1500.0
+  drive_mode = "torque_driven"
+  patch.a = 7e-3
+"""
+)
+@click.option("--fmi", type=click.Choice(["2", "3"]), default="3", show_default=True, help="FMI version.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", required=True, help="File to write.")
+@click.option("--parameters", type=click.Path(path_type=Path), metavar="FILE", help="TOML of start values.")
+def export(fmi: str, out: Path, parameters: Path | None) -> None:
+    """Write the wheelset FMU for other tools, with start values of your own if asked."""
+    import fmu_wheelset
+    from fmu_wheelset.exporting import read_start_values
+
+    try:
+        start_values = read_start_values(parameters) if parameters else None
+        click.echo(fmu_wheelset.export(out, 2 if fmi == "2" else 3, start_values))
+    except (ValueError, RuntimeError, FileNotFoundError) as error:
+        _refuse(error)
+    except OSError as error:
+        _refuse(
+            InputError(str(out), got=str(error.strerror), expected="a file to write", remedy="check the path")
+        )
+
+
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command with `arguments`, by default those of the process, and exit."""
     try:
@@ -214,7 +246,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     sys.exit(0)
 
 
-def _refuse(error: InputError) -> NoReturn:
+def _refuse(error: Exception) -> NoReturn:
     for line in str(error).splitlines():
         click.echo(f"error: {line}", err=True)
     sys.exit(2)

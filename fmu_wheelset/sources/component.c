@@ -60,19 +60,26 @@ static void *location(Component *component, const Variable *variable)
     return (char *)component + variable->offset;
 }
 
+static void store(Component *component, const Variable *variable, double value)
+{
+    if (variable->kind == FLOAT64)
+        *(double *)location(component, variable) = value;
+    else
+        *(int32_t *)location(component, variable) = (int32_t)value;
+}
+
 void component_reset(Component *component)
 {
     memset(component, 0, sizeof *component);
     component->phase = INSTANTIATED;
-    for (size_t i = 0; i < N_VARIABLES; i++) {
-        const Variable *variable = &VARIABLES[i];
-        if (variable->settable == READ_ONLY)
-            continue;
-        if (variable->kind == FLOAT64)
-            *(double *)location(component, variable) = variable->start;
-        else
-            *(int32_t *)location(component, variable) = (int32_t)variable->start;
-    }
+    for (size_t i = 0; i < N_VARIABLES; i++)
+        if (VARIABLES[i].settable != READ_ONLY)
+            store(component, &VARIABLES[i], VARIABLES[i].start);
+}
+
+void component_restart(Instance *instance)
+{
+    instance->component = instance->start;
 }
 
 static void invalidate(Component *component)
@@ -188,6 +195,15 @@ static Status check_value(Instance *instance, const Variable *variable, double v
     if (!(isfinite(value) && value >= variable->minimum && value <= variable->maximum))
         return component_fail(instance, "%s: got %g, expected a finite value from %g to %g; check what sets it",
                               variable->name, value, variable->minimum, variable->maximum);
+    return STATUS_OK;
+}
+
+Status component_set_start(Instance *instance, uint32_t reference, double value)
+{
+    const Variable *variable = reference < N_VARIABLES ? &VARIABLES[reference] : 0;
+    if (!variable || check_value(instance, variable, value) != STATUS_OK)
+        return STATUS_ERROR;
+    store(&instance->component, variable, value);
     return STATUS_OK;
 }
 

@@ -53,6 +53,7 @@ typedef struct {
 typedef struct Instance Instance;
 struct Instance {
     Component component;
+    Component start; /* what a restart returns to */
     void (*log)(const Instance *instance, Status status, const char *message); /* may be 0 */
 };
 
@@ -63,8 +64,15 @@ Status component_require(Instance *instance, int phases, const char *function);
 Status component_fail(Instance *instance, const char *format, ...);
 Status component_unsupported(Instance *instance, const char *function);
 
-/* Back to the start values of all variables. */
+/* The start values of the table. */
 void component_reset(Component *component);
+
+/* Accept the token of modelDescription.xml (token.c), `attribute` there, with the start values that it carries. */
+Status component_identify(Instance *instance, const char *token, const char *attribute);
+Status component_set_start(Instance *instance, uint32_t reference, double value);
+
+/* Back to the start values that the instance was identified with. */
+void component_restart(Instance *instance);
 Status component_set_times(Instance *instance, double start_time, int stop_time_defined, double stop_time);
 Status component_enter_initialization(Instance *instance);
 Status component_exit_initialization(Instance *instance);

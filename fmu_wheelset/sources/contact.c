@@ -1,5 +1,7 @@
 #include "contact.h"
 
+#include "elementary.h"
+
 #include <float.h>
 #include <math.h>
 
@@ -40,7 +42,7 @@ static void atan_over(double z, double rational, double *value, double *slope)
                  - z2 * (8.0 / 9.0 - z2 * (10.0 / 11.0 - z2 * (12.0 / 13.0))))));
         *value = rational - *slope;
     } else {
-        *value = atan(z) / z;
+        *value = portable_atan(z) / z;
         *slope = rational - *value;
     }
 }
@@ -61,7 +63,7 @@ static void evaluate(const ContactPatch *patch, const ContactState *at, Law *law
     direction(patch, at, law);
     law->P = 0.5 * patch->G * patch->a * patch->b;
     law->w = law->creep * at->speed;
-    law->e = exp(-rail->B * law->w);
+    law->e = portable_exp(-rail->B * law->w);
     law->r = (1.0 - rail->A) * law->e + rail->A;
 
     const double eps = HALF_PI * law->P * law->c * law->creep / (at->normal_load * rail->mu_0 * law->r);

@@ -56,10 +56,7 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
 
     if (fmuType != fmi2CoSimulation)
         component_unsupported(&self->base, "fmi2Instantiate for model exchange");
-    else if (strcmp(fmuGUID, INSTANTIATION_TOKEN) != 0)
-        component_fail(&self->base, "guid: got another than %s, so modelDescription.xml and binary do not "
-                       "belong together; install the FMU again", INSTANTIATION_TOKEN);
-    else
+    else if (component_identify(&self->base, fmuGUID, "guid") == STATUS_OK)
         return self;
     free(self);
     return 0;
@@ -97,7 +94,7 @@ fmi2Status fmi2Terminate(fmi2Component c)
 fmi2Status fmi2Reset(fmi2Component c)
 {
     REQUIRE(c, READABLE);
-    component_reset(&((Instance *)c)->component);
+    component_restart(c);
     return fmi2OK;
 }
 

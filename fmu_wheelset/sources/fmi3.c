@@ -3,7 +3,6 @@
 
 #include <fmi3Functions.h>
 #include <stdlib.h>
-#include <string.h>
 
 typedef struct {
     Instance base; /* first, so that a pointer to it is a pointer to this */
@@ -65,10 +64,7 @@ fmi3Instance fmi3InstantiateCoSimulation(
 
     if (eventModeUsed || nRequiredIntermediateVariables > 0)
         component_unsupported(&self->base, "fmi3InstantiateCoSimulation with event mode or intermediate variables");
-    else if (strcmp(instantiationToken, INSTANTIATION_TOKEN) != 0)
-        component_fail(&self->base, "instantiationToken: got another than %s, so modelDescription.xml and binary "
-                       "do not belong together; install the FMU again", INSTANTIATION_TOKEN);
-    else
+    else if (component_identify(&self->base, instantiationToken, "instantiationToken") == STATUS_OK)
         return self;
     free(self);
     return 0;
@@ -129,7 +125,7 @@ fmi3Status fmi3Terminate(fmi3Instance instance)
 fmi3Status fmi3Reset(fmi3Instance instance)
 {
     REQUIRE(instance, READABLE);
-    component_reset(&((Instance *)instance)->component);
+    component_restart(instance);
     return fmi3OK;
 }
 

@@ -1,5 +1,6 @@
 #include "wheelset.h"
 
+#include "elementary.h"
 #include "guiding.h"
 
 #include <math.h>
@@ -220,7 +221,7 @@ static double resultant_tangent(const Contact *contact, const ContactState *at,
         return 0.0;
     const double force = contact->secant * contact->creep;
     if (!(force > 0.0))
-        return hypot(d_contact->force_x, d_contact->force_y) / at->normal_load;
+        return portable_length(d_contact->force_x, d_contact->force_y) / at->normal_load;
     const double d_force = (contact->force_x * d_contact->force_x + contact->force_y * d_contact->force_y) / force;
     return (d_force - force / at->normal_load * d_at->normal_load) / at->normal_load;
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import ctypes
 import math
+import re
 import subprocess
 import sys
 from dataclasses import dataclass, field, fields
@@ -38,6 +39,22 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
     """FMUs of the present sources, by FMI version."""
     fmi2, fmi3 = build.build(tmp_path_factory.mktemp("archives"))
     return {2: fmi2, 3: fmi3}
+
+
+@pytest.fixture(scope="session")
+def fmi_functions() -> set[str]:
+    """Names of all functions that the headers of both standards declare."""
+    found = {
+        name
+        for version in (2, 3)
+        for name in re.findall(
+            rf"^\s*FMI{version}_Export\s+\w+\s+(fmi{version}\w+);",
+            (build.fmi_headers() / f"fmi{version}Functions.h").read_text(),
+            re.MULTILINE,
+        )
+    }
+    assert len(found) == 44 + 75
+    return found
 
 
 class Plant:
@@ -242,7 +259,8 @@ def compiler() -> Callable[..., Path]:
 @pytest.fixture(scope="session")
 def core(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """The C core as a library with structs; ``core.flat`` and ``core.filled`` convert them to arrays."""
-    files = [str(build.SOURCES / f"{name}.c") for name in ("contact", "guiding", "wheelset", "integrator")]
+    names = ("contact", "elementary", "guiding", "wheelset", "integrator")
+    files = [str(build.SOURCES / f"{name}.c") for name in names]
     path = compile_c(tmp_path_factory.mktemp("core") / "core.so", "-O2", "-shared", "-fPIC", *files)
     library = ctypes.CDLL(str(path))
     library.contact_peak.restype = library.contact_peak_tangent.restype = C_Peak

@@ -189,3 +189,35 @@ def test_interrupt_leaves_nothing_half_written(
     assert call("run", str(tmp_path / "x.toml"), "--out", str(tmp_path / "out")) == 130
     assert capsys.readouterr().err.strip() == "interrupted; files that are there are complete"
     assert [p.name for p in tmp_path.iterdir()] == ["x.toml"]
+
+
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_export_writes_an_fmu_with_other_start_values(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], fmi: str
+) -> None:
+    from fmpy import read_model_description
+
+    parameters, out = tmp_path / "mine.toml", tmp_path / "mine.fmu"
+    parameters.write_text('m_w = 1500\ndrive_mode = "free_rolling"\n', encoding="utf-8")
+    assert call("export", "--fmi", fmi, "--out", str(out), "--parameters", str(parameters)) == 0
+    assert capsys.readouterr().out == f"{out}\n"
+    description = read_model_description(str(out))
+    assert description.fmiVersion == f"{fmi}.0"
+    start = {v.name: v.start for v in description.modelVariables}
+    assert (start["m_w"], start["drive_mode"]) == ("1500.0", "2")
+
+
+def test_export_tells_each_fault_in_a_line_and_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parameters, out = tmp_path / "mine.toml", tmp_path / "mine.fmu"
+    parameters.write_text("mw = 1.0\nk_w = -1.0\n", encoding="utf-8")
+    assert call("export", "--out", str(out), "--parameters", str(parameters)) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert [line.split(": got")[0] for line in told] == ["error: mw", "error: k_w"]
+    assert call("export", "--out", str(tmp_path / "none" / "x.fmu")) == 2
+    assert "got no folder" in capsys.readouterr().err
+    assert call("export", "--out", str(tmp_path)) == 2
+    assert "Is a directory, expected a file to write" in capsys.readouterr().err
+    assert call("export", "--fmi", "1", "--out", str(out)) == 2
+    assert not out.exists()
