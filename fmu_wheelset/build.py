@@ -184,8 +184,8 @@ def build(folder: Path = ARCHIVES, target: Target | None = None) -> tuple[Path, 
     folder.mkdir(parents=True, exist_ok=True)
     license_text = _license()
     common = {f"sources/{file}": content for file, content in sources.items()}
-    fmi2_files = [file for file in c_files if file != "fmi3.c"]
-    fmi3_files = [file for file in c_files if file != "fmi2.c"]
+    fmi2_files = [file for file in c_files if not file.startswith("fmi3")]
+    fmi3_files = [file for file in c_files if not file.startswith("fmi2")]
     fmi2 = common | {
         "modelDescription.xml": model_description.fmi2_xml(token, fmi2_files).encode(),
         f"binaries/{target.fmi2_folder}/{MODEL}{target.suffix}": library,

@@ -23,6 +23,8 @@ MODEL = "wheelset"
 TITLE = "Solid-axle wheelset with nonlinear creep forces"
 ENUMERATIONS = {"drive_mode": DriveMode}
 LOG_CATEGORY = ("logStatusError", "messages of calls that return an error")
+CAPABILITIES_2 = ("canGetAndSetFMUstate", "canSerializeFMUstate")
+CAPABILITIES_3 = ("canGetAndSetFMUState", "canSerializeFMUState")
 STEP_SIZE = 1e-3
 STOP_TIME = 10.0
 
@@ -132,7 +134,13 @@ def _root(version: str, token: tuple[str, str]) -> ET.Element:
     return ET.Element("fmiModelDescription", attributes)
 
 
-def fmi2_xml(token: str, source_files: Iterable[str] = (), variables: Sequence[Variable] = VARIABLES) -> str:
+def _interfaces(root: ET.Element, capabilities: Sequence[str]) -> list[ET.Element]:
+    """Add what the model can be used for, and return the elements."""
+    flags = {"modelIdentifier": MODEL} | dict.fromkeys(capabilities, "true")
+    return [ET.SubElement(root, "CoSimulation", flags | {"canHandleVariableCommunicationStepSize": "true"})]
+
+
+def fmi2_xml(token: str, source_files: Sequence[str] = (), variables: Sequence[Variable] = VARIABLES) -> str:
     """Return ``modelDescription.xml`` for FMI 2.0 co-simulation.
 
     Parameters
@@ -143,10 +151,10 @@ def fmi2_xml(token: str, source_files: Iterable[str] = (), variables: Sequence[V
     """
     index = {v.name: str(i) for i, v in enumerate(variables, start=1)}
     root = _root("2.0", ("guid", token))
-    capabilities = {"modelIdentifier": MODEL, "canHandleVariableCommunicationStepSize": "true"}
-    files = ET.SubElement(ET.SubElement(root, "CoSimulation", capabilities), "SourceFiles")
-    for name in source_files:
-        ET.SubElement(files, "File", name=name)
+    for interface in _interfaces(root, CAPABILITIES_2):
+        files = ET.SubElement(interface, "SourceFiles")
+        for name in source_files:
+            ET.SubElement(files, "File", name=name)
     _unit_definitions(root)
     types = ET.SubElement(root, "TypeDefinitions")
     for enumeration in ENUMERATIONS.values():
@@ -193,8 +201,7 @@ def fmi3_xml(token: str, variables: Sequence[Variable] = VARIABLES) -> str:
     """
     reference = {v.name: str(i) for i, v in enumerate(variables)}
     root = _root("3.0", ("instantiationToken", token))
-    capabilities = {"modelIdentifier": MODEL, "canHandleVariableCommunicationStepSize": "true"}
-    ET.SubElement(root, "CoSimulation", capabilities)
+    _interfaces(root, CAPABILITIES_3)
     _unit_definitions(root)
     types = ET.SubElement(root, "TypeDefinitions")
     for enumeration in ENUMERATIONS.values():

@@ -1,5 +1,6 @@
 /* FMI 2.0 in terms of component.h. */
 #include "component.h"
+#include "snapshot.h"
 
 #include <fmi2Functions.h>
 #include <stdlib.h>
@@ -11,8 +12,6 @@ typedef struct {
     fmi2ComponentEnvironment environment;
     char name[]; /* instance name */
 } Fmi2Instance;
-
-enum { READABLE = INSTANTIATED | INITIALIZATION | STEPPING | TERMINATED | FAILED };
 
 /* Leave the calling function with an error unless the instance is in one of these phases. */
 #define REQUIRE(c, phases)                                                    \
@@ -187,6 +186,44 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boo
     return fmi2OK;
 }
 
+/* A state is a copy of the component. */
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_take(c, state);
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_restore(c, state);
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_free(state);
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_size(c, state, size);
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_write(c, state, bytes, size);
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_read(c, bytes, size, state);
+}
+
 /* What modelDescription.xml does not announce. */
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #define UNSUPPORTED(name, ...) \
@@ -195,12 +232,6 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boo
 
 UNSUPPORTED(fmi2GetString, REFERENCES, fmi2String value[])
 UNSUPPORTED(fmi2SetString, REFERENCES, const fmi2String value[])
-UNSUPPORTED(fmi2GetFMUstate, fmi2Component c, fmi2FMUstate *state)
-UNSUPPORTED(fmi2SetFMUstate, fmi2Component c, fmi2FMUstate state)
-UNSUPPORTED(fmi2FreeFMUstate, fmi2Component c, fmi2FMUstate *state)
-UNSUPPORTED(fmi2SerializedFMUstateSize, fmi2Component c, fmi2FMUstate state, size_t *size)
-UNSUPPORTED(fmi2SerializeFMUstate, fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
-UNSUPPORTED(fmi2DeSerializeFMUstate, fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 UNSUPPORTED(fmi2GetDirectionalDerivative, fmi2Component c, const fmi2ValueReference unknowns[], size_t nUnknown,
             const fmi2ValueReference knowns[], size_t nKnown, const fmi2Real seed[], fmi2Real sensitivity[])
 UNSUPPORTED(fmi2SetRealInputDerivatives, REFERENCES, const fmi2Integer order[], const fmi2Real value[])

@@ -1,5 +1,6 @@
 /* FMI 3.0 in terms of component.h. */
 #include "component.h"
+#include "snapshot.h"
 
 #include <fmi3Functions.h>
 #include <stdlib.h>
@@ -10,8 +11,6 @@ typedef struct {
     fmi3LogMessageCallback logger;
     fmi3InstanceEnvironment environment;
 } Fmi3Instance;
-
-enum { READABLE = INSTANTIATED | INITIALIZATION | STEPPING | TERMINATED | FAILED };
 
 /* Leave the calling function with an error unless the instance is in one of these phases. */
 #define REQUIRE(instance, phases)                                                    \
@@ -212,6 +211,44 @@ SET_INTEGERS(fmi3SetInt64, fmi3Int64, ENUMERATION)
 GET_INTEGERS(fmi3GetBoolean, fmi3Boolean, BOOLEAN)
 SET_INTEGERS(fmi3SetBoolean, fmi3Boolean, BOOLEAN)
 
+/* A state is a copy of the component. */
+
+fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_take(instance, state);
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_restore(instance, state);
+}
+
+fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *state)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_free(state);
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t *size)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_size(instance, state, size);
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_write(instance, state, bytes, size);
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_read(instance, bytes, size, state);
+}
+
 /* What modelDescription.xml does not announce. */
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #define UNSUPPORTED(name, ...) \
@@ -249,13 +286,6 @@ UNSUPPORTED(fmi3GetNumberOfVariableDependencies, fmi3Instance instance, fmi3Valu
 UNSUPPORTED(fmi3GetVariableDependencies, fmi3Instance instance, fmi3ValueReference dependent,
             size_t elementIndicesOfDependent[], fmi3ValueReference independents[],
             size_t elementIndicesOfIndependents[], fmi3DependencyKind dependencyKinds[], size_t nDependencies)
-UNSUPPORTED(fmi3GetFMUState, fmi3Instance instance, fmi3FMUState *state)
-UNSUPPORTED(fmi3SetFMUState, fmi3Instance instance, fmi3FMUState state)
-UNSUPPORTED(fmi3FreeFMUState, fmi3Instance instance, fmi3FMUState *state)
-UNSUPPORTED(fmi3SerializedFMUStateSize, fmi3Instance instance, fmi3FMUState state, size_t *size)
-UNSUPPORTED(fmi3SerializeFMUState, fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size)
-UNSUPPORTED(fmi3DeserializeFMUState, fmi3Instance instance, const fmi3Byte bytes[], size_t size,
-            fmi3FMUState *state)
 #define DERIVATIVE_ARGUMENTS                                                                        \
     fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns,                   \
         const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,  \
