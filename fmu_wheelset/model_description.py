@@ -23,8 +23,11 @@ MODEL = "wheelset"
 TITLE = "Solid-axle wheelset with nonlinear creep forces"
 ENUMERATIONS = {"drive_mode": DriveMode}
 LOG_CATEGORY = ("logStatusError", "messages of calls that return an error")
-CAPABILITIES_2 = ("canGetAndSetFMUstate", "canSerializeFMUstate")
-CAPABILITIES_3 = ("canGetAndSetFMUState", "canSerializeFMUState")
+CAPABILITIES_2 = ("canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative")
+CAPABILITIES_3 = (
+    *("canGetAndSetFMUState", "canSerializeFMUState"),
+    *("providesDirectionalDerivatives", "providesAdjointDerivatives"),
+)
 STEP_SIZE = 1e-3
 STOP_TIME = 10.0
 

@@ -177,6 +177,11 @@ void component_prepare(Component *component, Source source)
     }
 }
 
+const Variable *component_variable(uint32_t reference)
+{
+    return &VARIABLES[reference];
+}
+
 const Variable *component_find(Instance *instance, uint32_t reference, Kind kind)
 {
     static const char *const KINDS[] = {"float", "enumeration", "Boolean"};

@@ -93,6 +93,7 @@ Status component_get_integer(Instance *instance, Kind kind, uint32_t reference, 
 Status component_set_integer(Instance *instance, Kind kind, uint32_t reference, int64_t value);
 
 /* Parts for the modules beside this one: the table, and what it points to. */
+const Variable *component_variable(uint32_t reference); /* of a reference that was found */
 const Variable *component_find(Instance *instance, uint32_t reference, Kind kind);
 void *component_location(Component *component, const Variable *variable);
 void component_prepare(Component *component, Source source);

@@ -1,5 +1,6 @@
 /* FMI 2.0 in terms of component.h. */
 #include "component.h"
+#include "derivatives.h"
 #include "snapshot.h"
 
 #include <fmi2Functions.h>
@@ -224,6 +225,15 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
     return (fmi2Status)snapshot_read(c, bytes, size, state);
 }
 
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[], size_t nUnknown,
+                                        const fmi2ValueReference knowns[], size_t nKnown, const fmi2Real seed[],
+                                        fmi2Real sensitivity[])
+{
+    REQUIRE(c, READABLE & ~INSTANTIATED);
+    const Jacobian J = {unknowns, nUnknown, knowns, nKnown};
+    return (fmi2Status)derivatives_directional(c, &J, seed, sensitivity);
+}
+
 /* What modelDescription.xml does not announce. */
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #define UNSUPPORTED(name, ...) \
@@ -232,8 +242,6 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
 
 UNSUPPORTED(fmi2GetString, REFERENCES, fmi2String value[])
 UNSUPPORTED(fmi2SetString, REFERENCES, const fmi2String value[])
-UNSUPPORTED(fmi2GetDirectionalDerivative, fmi2Component c, const fmi2ValueReference unknowns[], size_t nUnknown,
-            const fmi2ValueReference knowns[], size_t nKnown, const fmi2Real seed[], fmi2Real sensitivity[])
 UNSUPPORTED(fmi2SetRealInputDerivatives, REFERENCES, const fmi2Integer order[], const fmi2Real value[])
 UNSUPPORTED(fmi2GetRealOutputDerivatives, REFERENCES, const fmi2Integer order[], fmi2Real value[])
 UNSUPPORTED(fmi2CancelStep, fmi2Component c)

@@ -1,5 +1,6 @@
 /* FMI 3.0 in terms of component.h. */
 #include "component.h"
+#include "derivatives.h"
 #include "snapshot.h"
 
 #include <fmi3Functions.h>
@@ -249,6 +250,23 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[]
     return (fmi3Status)snapshot_read(instance, bytes, size, state);
 }
 
+#define DERIVATIVE(name, compute, nColumns, nRows)                                                          \
+    fmi3Status name(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns,           \
+                    const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],            \
+                    size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity)                           \
+    {                                                                                                       \
+        REQUIRE(instance, READABLE & ~INSTANTIATED);                                                        \
+        const Jacobian J = {unknowns, nUnknowns, knowns, nKnowns};                                          \
+        if (nSeed != (nColumns) || nSensitivity != (nRows))                                                 \
+            return (fmi3Status)component_fail(instance, "derivatives: got %lu seeds and %lu sensitivities, " \
+                                              "expected %lu and %lu", (unsigned long)nSeed,                 \
+                                              (unsigned long)nSensitivity, (unsigned long)(nColumns),       \
+                                              (unsigned long)(nRows));                                      \
+        return (fmi3Status)compute(instance, &J, seed, sensitivity);                                        \
+    }
+DERIVATIVE(fmi3GetDirectionalDerivative, derivatives_directional, nKnowns, nUnknowns)
+DERIVATIVE(fmi3GetAdjointDerivative, derivatives_adjoint, nUnknowns, nKnowns)
+
 /* What modelDescription.xml does not announce. */
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #define UNSUPPORTED(name, ...) \
@@ -286,13 +304,6 @@ UNSUPPORTED(fmi3GetNumberOfVariableDependencies, fmi3Instance instance, fmi3Valu
 UNSUPPORTED(fmi3GetVariableDependencies, fmi3Instance instance, fmi3ValueReference dependent,
             size_t elementIndicesOfDependent[], fmi3ValueReference independents[],
             size_t elementIndicesOfIndependents[], fmi3DependencyKind dependencyKinds[], size_t nDependencies)
-#define DERIVATIVE_ARGUMENTS                                                                        \
-    fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns,                   \
-        const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,  \
-        fmi3Float64 sensitivity[], size_t nSensitivity
-UNSUPPORTED(fmi3GetDirectionalDerivative, DERIVATIVE_ARGUMENTS)
-UNSUPPORTED(fmi3GetAdjointDerivative, DERIVATIVE_ARGUMENTS)
-
 /* Modes and clocks */
 UNSUPPORTED(fmi3EnterEventMode, fmi3Instance instance)
 UNSUPPORTED(fmi3EnterStepMode, fmi3Instance instance)

@@ -28,6 +28,15 @@ void wheelset_initialise(Wheelset *wheelset)
     wheelset->x[OMEGA_L] = wheelset->x[OMEGA_R] = (v + p->initial_creepage * v_r) / p->r0;
 }
 
+void wheelset_initialise_tangent(const Wheelset *wheelset, const Inputs *d_u, double d_x[])
+{
+    const Parameters *p = &wheelset->p;
+    double slope;
+    regularised_speed(wheelset->u.speed, p->v0, &slope);
+    d_x[V] = d_u->speed;
+    d_x[OMEGA_L] = d_x[OMEGA_R] = (1.0 + p->initial_creepage * slope) * d_u->speed / p->r0;
+}
+
 int wheelset_moving_states(const Parameters *p, int moving[N_STATES])
 {
     int n = 0;

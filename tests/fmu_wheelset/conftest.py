@@ -22,7 +22,7 @@ from fmu_wheelset import ContactPatch, RailCondition, WheelsetParameters, build
 from fmu_wheelset.variables import REFERENCES, VARIABLES, DriveMode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from fmpy.model_description import ModelDescription
@@ -100,6 +100,17 @@ class Plant:
             self.slave.enterInitializationMode(startTime=t0, **arguments)
         self.slave.exitInitializationMode()
         return self
+
+    def derivatives(
+        self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]
+    ) -> np.ndarray:
+        """Directional derivatives of the unknowns along the seed of the knowns."""
+        references = [REFERENCES[name] for name in unknowns], [REFERENCES[name] for name in knowns]
+        return np.array(self.slave.getDirectionalDerivative(*references, list(seed)))
+
+    def jacobian(self, unknowns: Sequence[str], knowns: Sequence[str]) -> np.ndarray:
+        """Derivatives of the unknowns, in rows, with respect to the knowns."""
+        return np.column_stack([self.derivatives(unknowns, knowns, seed) for seed in np.eye(len(knowns))])
 
     def step(self, t: float, h: float) -> None:
         self.slave.doStep(t, h)
