@@ -1,6 +1,7 @@
 /* FMI 2.0 in terms of component.h. */
 #include "component.h"
 #include "derivatives.h"
+#include "exchange.h"
 #include "snapshot.h"
 
 #include <fmi2Functions.h>
@@ -15,16 +16,19 @@ typedef struct {
 } Fmi2Instance;
 
 /* Leave the calling function with an error unless the instance is in one of these phases. */
-#define REQUIRE(c, phases)                                                    \
-    do {                                                                      \
-        if (component_require((Instance *)(c), (phases), __func__) != STATUS_OK) \
-            return fmi2Error;                                                 \
+#define REQUIRE_BY(require, c, phases)                                 \
+    do {                                                               \
+        if (require((Instance *)(c), (phases), __func__) != STATUS_OK) \
+            return fmi2Error;                                          \
     } while (0)
+#define REQUIRE(c, phases) REQUIRE_BY(component_require, c, phases)
+#define REQUIRE_EXCHANGE(c, phases) REQUIRE_BY(exchange_require, c, phases)
 
 static void log_message(const Instance *instance, Status status, const char *message)
 {
     const Fmi2Instance *self = (const Fmi2Instance *)instance;
-    self->logger(self->environment, self->name, (fmi2Status)status, "logStatusError", message);
+    self->logger(self->environment, self->name, (fmi2Status)status,
+                 status == STATUS_DISCARD ? "logStatusDiscard" : "logStatusError", message);
 }
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
@@ -52,11 +56,10 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
     self->logger = functions->logger;
     self->environment = functions->componentEnvironment;
     self->base.log = self->logger ? log_message : 0;
+    self->base.component.interface = fmuType == fmi2ModelExchange ? MODEL_EXCHANGE : CO_SIMULATION;
     component_reset(&self->base.component);
 
-    if (fmuType != fmi2CoSimulation)
-        component_unsupported(&self->base, "fmi2Instantiate for model exchange");
-    else if (strcmp(fmuGUID, INSTANTIATION_TOKEN) != 0)
+    if (strcmp(fmuGUID, INSTANTIATION_TOKEN) != 0)
         component_fail(&self->base, "guid: got another than %s, so modelDescription.xml and binary do not "
                        "belong together; install the FMU again", INSTANTIATION_TOKEN);
     else
@@ -89,7 +92,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 
 fmi2Status fmi2Terminate(fmi2Component c)
 {
-    REQUIRE(c, STEPPING);
+    REQUIRE(c, RUNNING);
     ((Instance *)c)->component.phase = TERMINATED;
     return fmi2OK;
 }
@@ -234,6 +237,80 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
     return (fmi2Status)derivatives_directional(c, &J, seed, sensitivity);
 }
 
+/* Model exchange */
+
+fmi2Status fmi2EnterEventMode(fmi2Component c)
+{
+    REQUIRE_EXCHANGE(c, CONTINUOUS);
+    ((Instance *)c)->component.phase = EVENT;
+    return fmi2OK;
+}
+
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
+{
+    static const fmi2EventInfo NOTHING = {fmi2False, fmi2False, fmi2False, fmi2False, fmi2False, 0.0};
+    REQUIRE_EXCHANGE(c, EVENT);
+    if (info)
+        *info = NOTHING;
+    return fmi2OK;
+}
+
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
+{
+    REQUIRE_EXCHANGE(c, EVENT);
+    ((Instance *)c)->component.phase = CONTINUOUS;
+    return fmi2OK;
+}
+
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
+                                       fmi2Boolean *enterEventMode, fmi2Boolean *terminateSimulation)
+{
+    (void)noSetFMUStatePriorToCurrentPoint;
+    REQUIRE_EXCHANGE(c, CONTINUOUS);
+    if (enterEventMode)
+        *enterEventMode = fmi2False;
+    if (terminateSimulation)
+        *terminateSimulation = fmi2False;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time)
+{
+    REQUIRE_EXCHANGE(c, EVENT | CONTINUOUS);
+    return (fmi2Status)exchange_set_time(c, time);
+}
+
+fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t nx)
+{
+    REQUIRE_EXCHANGE(c, CONTINUOUS);
+    return (fmi2Status)exchange_set_states(c, x, nx);
+}
+
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t nx)
+{
+    REQUIRE_EXCHANGE(c, READABLE & ~INSTANTIATED);
+    return (fmi2Status)exchange_get_states(c, x, nx);
+}
+
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t nx)
+{
+    REQUIRE_EXCHANGE(c, READABLE & ~INSTANTIATED);
+    return (fmi2Status)exchange_get_derivatives(c, derivatives, nx);
+}
+
+fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominals[], size_t nx)
+{
+    REQUIRE_EXCHANGE(c, READABLE);
+    return (fmi2Status)exchange_get_nominals(c, nominals, nx);
+}
+
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real indicators[], size_t ni)
+{
+    (void)indicators;
+    REQUIRE_EXCHANGE(c, READABLE & ~INSTANTIATED);
+    return (fmi2Status)exchange_get_indicators(c, ni);
+}
+
 /* What modelDescription.xml does not announce. */
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #define UNSUPPORTED(name, ...) \
@@ -248,16 +325,3 @@ UNSUPPORTED(fmi2CancelStep, fmi2Component c)
 UNSUPPORTED(fmi2GetStatus, fmi2Component c, const fmi2StatusKind s, fmi2Status *value)
 UNSUPPORTED(fmi2GetIntegerStatus, fmi2Component c, const fmi2StatusKind s, fmi2Integer *value)
 UNSUPPORTED(fmi2GetStringStatus, fmi2Component c, const fmi2StatusKind s, fmi2String *value)
-
-/* Model exchange */
-UNSUPPORTED(fmi2EnterEventMode, fmi2Component c)
-UNSUPPORTED(fmi2NewDiscreteStates, fmi2Component c, fmi2EventInfo *info)
-UNSUPPORTED(fmi2EnterContinuousTimeMode, fmi2Component c)
-UNSUPPORTED(fmi2CompletedIntegratorStep, fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
-            fmi2Boolean *enterEventMode, fmi2Boolean *terminateSimulation)
-UNSUPPORTED(fmi2SetTime, fmi2Component c, fmi2Real time)
-UNSUPPORTED(fmi2SetContinuousStates, fmi2Component c, const fmi2Real x[], size_t nx)
-UNSUPPORTED(fmi2GetDerivatives, fmi2Component c, fmi2Real derivatives[], size_t nx)
-UNSUPPORTED(fmi2GetEventIndicators, fmi2Component c, fmi2Real indicators[], size_t ni)
-UNSUPPORTED(fmi2GetContinuousStates, fmi2Component c, fmi2Real x[], size_t nx)
-UNSUPPORTED(fmi2GetNominalsOfContinuousStates, fmi2Component c, fmi2Real nominal[], size_t nx)
