@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from fmu_wheelset import model_description
+from fmu_wheelset import documentation, icon, model_description
 from fmu_wheelset.model_description import MODEL
+from fmu_wheelset.terminals import terminals_xml
 
 __all__ = ["ARCHIVES", "TARGETS", "Target", "archive_token", "build", "host_target", "present_token"]
 
@@ -183,15 +184,20 @@ def build(folder: Path = ARCHIVES, target: Target | None = None) -> tuple[Path, 
 
     folder.mkdir(parents=True, exist_ok=True)
     license_text = _license()
-    common = {f"sources/{file}": content for file, content in sources.items()}
+    common = {f"sources/{file}": content for file, content in sources.items()} | _documentation()
     fmi2_files = [file for file in c_files if not file.startswith("fmi3")]
     fmi3_files = [file for file in c_files if not file.startswith("fmi2")]
+    picture = icon.png()
     fmi2 = common | {
+        "model.png": picture,
         "modelDescription.xml": model_description.fmi2_xml(token, fmi2_files).encode(),
         f"binaries/{target.fmi2_folder}/{MODEL}{target.suffix}": library,
         "documentation/licenses/license.txt": license_text,
     }
     fmi3 = common | {
+        "terminalsAndIcons/terminalsAndIcons.xml": terminals_xml().encode(),
+        "terminalsAndIcons/icon.png": picture,
+        "terminalsAndIcons/icon.svg": icon.svg().encode(),
         "modelDescription.xml": model_description.fmi3_xml(token).encode(),
         "sources/buildDescription.xml": model_description.build_description(fmi3_files).encode(),
         f"binaries/{target.fmi3_folder}/{MODEL}{target.suffix}": library,
@@ -201,6 +207,13 @@ def build(folder: Path = ARCHIVES, target: Target | None = None) -> tuple[Path, 
     _write_archive(paths[0], fmi2)
     _write_archive(paths[1], fmi3)
     return paths
+
+
+def _documentation() -> dict[str, bytes]:
+    """Return the HTML page, whose equations are those of the docs of the source tree."""
+    model = (PACKAGE.parent / "docs" / "model.md").read_text(encoding="utf-8")
+    page = documentation.index_html(model_description.TITLE, model)
+    return {"documentation/index.html": page.encode()}
 
 
 def _license() -> bytes:
