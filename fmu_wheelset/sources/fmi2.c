@@ -1,7 +1,6 @@
 /* FMI 2.0 in terms of component.h. */
 #include "component.h"
 #include "derivatives.h"
-#include "exchange.h"
 #include "snapshot.h"
 
 #include <fmi2Functions.h>
@@ -16,13 +15,11 @@ typedef struct {
 } Fmi2Instance;
 
 /* Leave the calling function with an error unless the instance is in one of these phases. */
-#define REQUIRE_BY(require, c, phases)                                 \
-    do {                                                               \
-        if (require((Instance *)(c), (phases), __func__) != STATUS_OK) \
-            return fmi2Error;                                          \
+#define REQUIRE(c, phases)                                                       \
+    do {                                                                         \
+        if (component_require((Instance *)(c), (phases), __func__) != STATUS_OK) \
+            return fmi2Error;                                                    \
     } while (0)
-#define REQUIRE(c, phases) REQUIRE_BY(component_require, c, phases)
-#define REQUIRE_EXCHANGE(c, phases) REQUIRE_BY(exchange_require, c, phases)
 
 static void log_message(const Instance *instance, Status status, const char *message)
 {
@@ -235,80 +232,6 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
     REQUIRE(c, READABLE & ~INSTANTIATED);
     const Jacobian J = {unknowns, nUnknown, knowns, nKnown};
     return (fmi2Status)derivatives_directional(c, &J, seed, sensitivity);
-}
-
-/* Model exchange */
-
-fmi2Status fmi2EnterEventMode(fmi2Component c)
-{
-    REQUIRE_EXCHANGE(c, CONTINUOUS);
-    ((Instance *)c)->component.phase = EVENT;
-    return fmi2OK;
-}
-
-fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
-{
-    static const fmi2EventInfo NOTHING = {fmi2False, fmi2False, fmi2False, fmi2False, fmi2False, 0.0};
-    REQUIRE_EXCHANGE(c, EVENT);
-    if (info)
-        *info = NOTHING;
-    return fmi2OK;
-}
-
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
-{
-    REQUIRE_EXCHANGE(c, EVENT);
-    ((Instance *)c)->component.phase = CONTINUOUS;
-    return fmi2OK;
-}
-
-fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
-                                       fmi2Boolean *enterEventMode, fmi2Boolean *terminateSimulation)
-{
-    (void)noSetFMUStatePriorToCurrentPoint;
-    REQUIRE_EXCHANGE(c, CONTINUOUS);
-    if (enterEventMode)
-        *enterEventMode = fmi2False;
-    if (terminateSimulation)
-        *terminateSimulation = fmi2False;
-    return fmi2OK;
-}
-
-fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time)
-{
-    REQUIRE_EXCHANGE(c, EVENT | CONTINUOUS);
-    return (fmi2Status)exchange_set_time(c, time);
-}
-
-fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t nx)
-{
-    REQUIRE_EXCHANGE(c, CONTINUOUS);
-    return (fmi2Status)exchange_set_states(c, x, nx);
-}
-
-fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t nx)
-{
-    REQUIRE_EXCHANGE(c, READABLE & ~INSTANTIATED);
-    return (fmi2Status)exchange_get_states(c, x, nx);
-}
-
-fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t nx)
-{
-    REQUIRE_EXCHANGE(c, READABLE & ~INSTANTIATED);
-    return (fmi2Status)exchange_get_derivatives(c, derivatives, nx);
-}
-
-fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominals[], size_t nx)
-{
-    REQUIRE_EXCHANGE(c, READABLE);
-    return (fmi2Status)exchange_get_nominals(c, nominals, nx);
-}
-
-fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real indicators[], size_t ni)
-{
-    (void)indicators;
-    REQUIRE_EXCHANGE(c, READABLE & ~INSTANTIATED);
-    return (fmi2Status)exchange_get_indicators(c, ni);
 }
 
 /* What modelDescription.xml does not announce. */

@@ -1,7 +1,6 @@
 /* FMI 3.0 in terms of component.h. */
 #include "component.h"
 #include "derivatives.h"
-#include "exchange.h"
 #include "snapshot.h"
 
 #include <fmi3Functions.h>
@@ -15,13 +14,11 @@ typedef struct {
 } Fmi3Instance;
 
 /* Leave the calling function with an error unless the instance is in one of these phases. */
-#define REQUIRE_BY(require, instance, phases)                                 \
-    do {                                                                      \
-        if (require((Instance *)(instance), (phases), __func__) != STATUS_OK) \
-            return fmi3Error;                                                 \
+#define REQUIRE(instance, phases)                                                       \
+    do {                                                                                \
+        if (component_require((Instance *)(instance), (phases), __func__) != STATUS_OK) \
+            return fmi3Error;                                                           \
     } while (0)
-#define REQUIRE(instance, phases) REQUIRE_BY(component_require, instance, phases)
-#define REQUIRE_EXCHANGE(instance, phases) REQUIRE_BY(exchange_require, instance, phases)
 
 static void log_message(const Instance *instance, Status status, const char *message)
 {
@@ -267,107 +264,3 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[]
     }
 DERIVATIVE(fmi3GetDirectionalDerivative, derivatives_directional, nKnowns, nUnknowns)
 DERIVATIVE(fmi3GetAdjointDerivative, derivatives_adjoint, nUnknowns, nKnowns)
-
-/* Model exchange */
-
-fmi3Status fmi3EnterEventMode(fmi3Instance instance)
-{
-    REQUIRE_EXCHANGE(instance, CONTINUOUS);
-    ((Instance *)instance)->component.phase = EVENT;
-    return fmi3OK;
-}
-
-static void clear(fmi3Boolean *flag)
-{
-    if (flag)
-        *flag = fmi3False;
-}
-
-fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discreteStatesNeedUpdate,
-                                    fmi3Boolean *terminateSimulation, fmi3Boolean *nominalsOfContinuousStatesChanged,
-                                    fmi3Boolean *valuesOfContinuousStatesChanged, fmi3Boolean *nextEventTimeDefined,
-                                    fmi3Float64 *nextEventTime)
-{
-    (void)nextEventTime;
-    REQUIRE_EXCHANGE(instance, EVENT);
-    clear(discreteStatesNeedUpdate);
-    clear(terminateSimulation);
-    clear(nominalsOfContinuousStatesChanged);
-    clear(valuesOfContinuousStatesChanged);
-    clear(nextEventTimeDefined);
-    return fmi3OK;
-}
-
-fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance)
-{
-    REQUIRE_EXCHANGE(instance, EVENT);
-    ((Instance *)instance)->component.phase = CONTINUOUS;
-    return fmi3OK;
-}
-
-fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
-                                       fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation)
-{
-    (void)noSetFMUStatePriorToCurrentPoint;
-    REQUIRE_EXCHANGE(instance, CONTINUOUS);
-    clear(enterEventMode);
-    clear(terminateSimulation);
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time)
-{
-    REQUIRE_EXCHANGE(instance, EVENT | CONTINUOUS);
-    return (fmi3Status)exchange_set_time(instance, time);
-}
-
-fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 states[], size_t nStates)
-{
-    REQUIRE_EXCHANGE(instance, CONTINUOUS);
-    return (fmi3Status)exchange_set_states(instance, states, nStates);
-}
-
-fmi3Status fmi3GetContinuousStates(fmi3Instance instance, fmi3Float64 states[], size_t nStates)
-{
-    REQUIRE_EXCHANGE(instance, READABLE & ~INSTANTIATED);
-    return (fmi3Status)exchange_get_states(instance, states, nStates);
-}
-
-fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance instance, fmi3Float64 derivatives[], size_t nStates)
-{
-    REQUIRE_EXCHANGE(instance, READABLE & ~INSTANTIATED);
-    return (fmi3Status)exchange_get_derivatives(instance, derivatives, nStates);
-}
-
-fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 nominals[], size_t nStates)
-{
-    REQUIRE_EXCHANGE(instance, READABLE);
-    return (fmi3Status)exchange_get_nominals(instance, nominals, nStates);
-}
-
-fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 indicators[], size_t nIndicators)
-{
-    (void)indicators;
-    REQUIRE_EXCHANGE(instance, READABLE & ~INSTANTIATED);
-    return (fmi3Status)exchange_get_indicators(instance, nIndicators);
-}
-
-static fmi3Status count(fmi3Instance instance, size_t *number, size_t value)
-{
-    if (!number)
-        return (fmi3Status)component_fail(instance, "number: got a null pointer, expected where to store it");
-    *number = value;
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *nIndicators)
-{
-    REQUIRE_EXCHANGE(instance, READABLE);
-    return count(instance, nIndicators, 0);
-}
-
-fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *nStates)
-{
-    REQUIRE_EXCHANGE(instance, READABLE);
-    return count(instance, nStates, N_STATES);
-}
