@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
-from fmu_wheelset import model_description
+from fmu_wheelset import documentation, icon, model_description
 from fmu_wheelset.archive import write_archive
 from fmu_wheelset.mach_o import universal
 from fmu_wheelset.model_description import MODEL
 from fmu_wheelset.targets import TARGETS, Target, host_target
+from fmu_wheelset.terminals import terminals_xml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -124,14 +125,19 @@ def build(folder: Path = ARCHIVES, targets: Sequence[Target] | None = None) -> t
         libraries = {target: _compile(Path(name), c_files, target) for target in targets}
 
     folder.mkdir(parents=True, exist_ok=True)
-    common = {f"sources/{file}": content for file, content in sources.items()}
+    common = {f"sources/{file}": content for file, content in sources.items()} | _documentation()
     common["documentation/licenses/license.txt"] = _license()
-    fmi2_files = [file for file in c_files if file != "fmi3.c"]
-    fmi3_files = [file for file in c_files if file != "fmi2.c"]
+    fmi2_files = [file for file in c_files if not file.startswith("fmi3")]
+    fmi3_files = [file for file in c_files if not file.startswith("fmi2")]
+    picture = icon.png()
     fmi2 = {
+        "model.png": picture,
         "modelDescription.xml": model_description.fmi2_xml(token, fmi2_files).encode(),
     }
     fmi3 = {
+        "terminalsAndIcons/terminalsAndIcons.xml": terminals_xml().encode(),
+        "terminalsAndIcons/icon.png": picture,
+        "terminalsAndIcons/icon.svg": icon.svg().encode(),
         "modelDescription.xml": model_description.fmi3_xml(token).encode(),
         "sources/buildDescription.xml": model_description.build_description(fmi3_files).encode(),
     }
@@ -139,6 +145,13 @@ def build(folder: Path = ARCHIVES, targets: Sequence[Target] | None = None) -> t
     write_archive(paths[0], common | fmi2 | _binaries(libraries, 2))
     write_archive(paths[1], common | fmi3 | _binaries(libraries, 3))
     return paths
+
+
+def _documentation() -> dict[str, bytes]:
+    """Return the HTML page, whose equations are those of the docs of the source tree."""
+    model = (PACKAGE.parent / "docs" / "model.md").read_text(encoding="utf-8")
+    page = documentation.index_html(model_description.TITLE, model)
+    return {"documentation/index.html": page.encode()}
 
 
 def _license() -> bytes:

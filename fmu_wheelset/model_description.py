@@ -22,7 +22,15 @@ __all__ = ["MODEL", "build_description", "c_header", "fmi2_xml", "fmi3_xml", "in
 MODEL = "wheelset"
 TITLE = "Solid-axle wheelset with nonlinear creep forces"
 ENUMERATIONS = {"drive_mode": DriveMode}
-LOG_CATEGORY = ("logStatusError", "messages of calls that return an error")
+LOG_CATEGORIES = {
+    "logStatusError": "messages of calls that return an error",
+    "logStatusDiscard": "messages of calls at states that have no derivatives",
+}
+CAPABILITIES_2 = ("canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative")
+CAPABILITIES_3 = (
+    *("canGetAndSetFMUState", "canSerializeFMUState"),
+    *("providesDirectionalDerivatives", "providesAdjointDerivatives"),
+)
 STEP_SIZE = 1e-3
 STOP_TIME = 10.0
 
@@ -96,8 +104,9 @@ def _unit_definitions(root: ET.Element) -> None:
 
 
 def _log_categories(root: ET.Element) -> None:
-    name, description = LOG_CATEGORY
-    ET.SubElement(ET.SubElement(root, "LogCategories"), "Category", name=name, description=description)
+    categories = ET.SubElement(root, "LogCategories")
+    for name, description in LOG_CATEGORIES.items():
+        ET.SubElement(categories, "Category", name=name, description=description)
 
 
 def _default_experiment(root: ET.Element) -> None:
@@ -132,8 +141,20 @@ def _root(version: str, token: tuple[str, str]) -> ET.Element:
     return ET.Element("fmiModelDescription", attributes)
 
 
-def fmi2_xml(token: str, source_files: Iterable[str] = (), variables: Sequence[Variable] = VARIABLES) -> str:
-    """Return ``modelDescription.xml`` for FMI 2.0 co-simulation.
+def _interfaces(root: ET.Element, capabilities: Sequence[str]) -> list[ET.Element]:
+    """Add what the model can be used for, and return the elements."""
+    flags = {"modelIdentifier": MODEL} | dict.fromkeys(capabilities, "true")
+    # FMI 3 asks whether the call is needed, and takes no for granted.
+    exchange = {"completedIntegratorStepNotNeeded": "true"} if root.get("fmiVersion") == "2.0" else {}
+    steps = {"canHandleVariableCommunicationStepSize": "true"}
+    return [
+        ET.SubElement(root, "ModelExchange", flags | exchange),
+        ET.SubElement(root, "CoSimulation", flags | steps),
+    ]
+
+
+def fmi2_xml(token: str, source_files: Sequence[str] = (), variables: Sequence[Variable] = VARIABLES) -> str:
+    """Return ``modelDescription.xml`` for FMI 2.0.
 
     Parameters
     ----------
@@ -143,10 +164,10 @@ def fmi2_xml(token: str, source_files: Iterable[str] = (), variables: Sequence[V
     """
     index = {v.name: str(i) for i, v in enumerate(variables, start=1)}
     root = _root("2.0", ("guid", token))
-    capabilities = {"modelIdentifier": MODEL, "canHandleVariableCommunicationStepSize": "true"}
-    files = ET.SubElement(ET.SubElement(root, "CoSimulation", capabilities), "SourceFiles")
-    for name in source_files:
-        ET.SubElement(files, "File", name=name)
+    for interface in _interfaces(root, CAPABILITIES_2):
+        files = ET.SubElement(interface, "SourceFiles")
+        for name in source_files:
+            ET.SubElement(files, "File", name=name)
     _unit_definitions(root)
     types = ET.SubElement(root, "TypeDefinitions")
     for enumeration in ENUMERATIONS.values():
@@ -184,7 +205,7 @@ def fmi2_xml(token: str, source_files: Iterable[str] = (), variables: Sequence[V
 
 
 def fmi3_xml(token: str, variables: Sequence[Variable] = VARIABLES) -> str:
-    """Return ``modelDescription.xml`` for FMI 3.0 co-simulation.
+    """Return ``modelDescription.xml`` for FMI 3.0.
 
     Parameters
     ----------
@@ -193,8 +214,7 @@ def fmi3_xml(token: str, variables: Sequence[Variable] = VARIABLES) -> str:
     """
     reference = {v.name: str(i) for i, v in enumerate(variables)}
     root = _root("3.0", ("instantiationToken", token))
-    capabilities = {"modelIdentifier": MODEL, "canHandleVariableCommunicationStepSize": "true"}
-    ET.SubElement(root, "CoSimulation", capabilities)
+    _interfaces(root, CAPABILITIES_3)
     _unit_definitions(root)
     types = ET.SubElement(root, "TypeDefinitions")
     for enumeration in ENUMERATIONS.values():

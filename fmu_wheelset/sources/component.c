@@ -10,20 +10,36 @@
 #include "variables.h" /* generated: TOKEN, VARIABLES, N_VARIABLES, STATE_NOMINALS */
 
 const char *const INSTANTIATION_TOKEN = TOKEN;
+const double *const COMPONENT_NOMINALS = STATE_NOMINALS;
 
 /* Local error of the integrator. Over seconds of motion it gives global errors below 1e-6. */
 static const double TOLERANCE = 1e-8;
 
-Status component_fail(Instance *instance, const char *format, ...)
+static Status report(Instance *instance, Status status, const char *format, va_list arguments)
 {
     char message[512];
+    vsnprintf(message, sizeof message, format, arguments);
+    if (instance->log)
+        instance->log(instance, status, message);
+    return status;
+}
+
+Status component_fail(Instance *instance, const char *format, ...)
+{
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(message, sizeof message, format, arguments);
+    const Status status = report(instance, STATUS_ERROR, format, arguments);
     va_end(arguments);
-    if (instance->log)
-        instance->log(instance, STATUS_ERROR, message);
-    return STATUS_ERROR;
+    return status;
+}
+
+Status component_discard(Instance *instance, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    const Status status = report(instance, STATUS_DISCARD, format, arguments);
+    va_end(arguments);
+    return status;
 }
 
 static const char *phase_name(int phase)
@@ -32,6 +48,8 @@ static const char *phase_name(int phase)
     case INSTANTIATED: return "instantiated";
     case INITIALIZATION: return "in initialization mode";
     case STEPPING: return "initialized";
+    case EVENT: return "in event mode";
+    case CONTINUOUS: return "in continuous-time mode";
     case TERMINATED: return "terminated";
     default: return "failed";
     }
@@ -55,7 +73,7 @@ Status component_unsupported(Instance *instance, const char *function)
                           "modelDescription.xml", function);
 }
 
-static void *location(Component *component, const Variable *variable)
+void *component_location(Component *component, const Variable *variable)
 {
     return (char *)component + variable->offset;
 }
@@ -63,14 +81,16 @@ static void *location(Component *component, const Variable *variable)
 static void store(Component *component, const Variable *variable, double value)
 {
     if (variable->kind == FLOAT64)
-        *(double *)location(component, variable) = value;
+        *(double *)component_location(component, variable) = value;
     else
-        *(int32_t *)location(component, variable) = (int32_t)value;
+        *(int32_t *)component_location(component, variable) = (int32_t)value;
 }
 
 void component_reset(Component *component)
 {
+    const int32_t interface = component->interface;
     memset(component, 0, sizeof *component);
+    component->interface = interface;
     component->phase = INSTANTIATED;
     for (size_t i = 0; i < N_VARIABLES; i++)
         if (VARIABLES[i].settable != READ_ONLY)
@@ -86,7 +106,7 @@ static void invalidate(Component *component)
 {
     component->evaluated = 0;
     /* Peaks depend on the contact state, which is compared, and on parameters, which then are fixed. */
-    if (component->phase & (INSTANTIATED | INITIALIZATION))
+    if (component->phase & STARTING)
         component->peak_known[LEFT] = component->peak_known[RIGHT] = 0;
 }
 
@@ -113,18 +133,19 @@ Status component_enter_initialization(Instance *instance)
 /* Until the run begins, states without start value follow the inputs and parameters. */
 static void follow_starts(Component *component)
 {
-    if (component->phase & (INSTANTIATED | INITIALIZATION))
+    if (component->phase & STARTING)
         wheelset_initialise(&component->wheelset);
 }
 
 Status component_exit_initialization(Instance *instance)
 {
-    const Parameters *p = &instance->component.wheelset.p;
+    Component *component = &instance->component;
+    const Parameters *p = &component->wheelset.p;
     if (!(fabs(p->delta_r) < 2.0 * p->r0))
         return component_fail(instance, "delta_r: got %g m, expected a difference of radii below 2 r0 = %g m",
                               p->delta_r, 2.0 * p->r0);
-    follow_starts(&instance->component);
-    instance->component.phase = STEPPING;
+    follow_starts(component);
+    component->phase = component->interface == MODEL_EXCHANGE ? EVENT : STEPPING;
     return STATUS_OK;
 }
 
@@ -157,7 +178,7 @@ static void evaluate_peak(Component *component, int side)
     component->peak_known[side] = 1;
 }
 
-static void prepare(Component *component, Source source)
+void component_prepare(Component *component, Source source)
 {
     switch (source) {
     case STORED: break;
@@ -167,7 +188,12 @@ static void prepare(Component *component, Source source)
     }
 }
 
-static const Variable *find(Instance *instance, uint32_t reference, Kind kind)
+const Variable *component_variable(uint32_t reference)
+{
+    return &VARIABLES[reference];
+}
+
+const Variable *component_find(Instance *instance, uint32_t reference, Kind kind)
 {
     static const char *const KINDS[] = {"float", "enumeration", "Boolean"};
     if (reference >= N_VARIABLES) {
@@ -187,8 +213,8 @@ static Status check_value(Instance *instance, const Variable *variable, double v
 {
     const int phase = instance->component.phase;
     const int phases = variable->settable == READ_ONLY  ? 0
-                     : variable->settable == BEFORE_RUN ? INSTANTIATED | INITIALIZATION
-                                                        : INSTANTIATED | INITIALIZATION | STEPPING;
+                     : variable->settable == BEFORE_RUN ? STARTING
+                                                        : STARTING | RUNNING;
     if (!(phase & phases))
         return component_fail(instance, "%s: cannot be set while the instance is %s; %s", variable->name,
                               phase_name(phase), phases ? "set it earlier" : "it is computed by the model");
@@ -219,11 +245,11 @@ Status component_get_reals(Instance *instance, const uint32_t references[], size
     if (component_require_arrays(instance, n, references, values) != STATUS_OK)
         return STATUS_ERROR;
     for (size_t i = 0; i < n; i++) {
-        const Variable *variable = find(instance, references[i], FLOAT64);
+        const Variable *variable = component_find(instance, references[i], FLOAT64);
         if (!variable)
             return STATUS_ERROR;
-        prepare(&instance->component, variable->source);
-        values[i] = *(const double *)location(&instance->component, variable);
+        component_prepare(&instance->component, variable->source);
+        values[i] = *(const double *)component_location(&instance->component, variable);
     }
     return STATUS_OK;
 }
@@ -233,31 +259,31 @@ Status component_set_reals(Instance *instance, const uint32_t references[], size
     if (component_require_arrays(instance, n, references, values) != STATUS_OK)
         return STATUS_ERROR;
     for (size_t i = 0; i < n; i++) {
-        const Variable *variable = find(instance, references[i], FLOAT64);
+        const Variable *variable = component_find(instance, references[i], FLOAT64);
         if (!variable || check_value(instance, variable, values[i]) != STATUS_OK)
             return STATUS_ERROR;
     }
     for (size_t i = 0; i < n; i++)
-        *(double *)location(&instance->component, &VARIABLES[references[i]]) = values[i];
+        *(double *)component_location(&instance->component, &VARIABLES[references[i]]) = values[i];
     invalidate(&instance->component);
     return STATUS_OK;
 }
 
 Status component_get_integer(Instance *instance, Kind kind, uint32_t reference, int64_t *value)
 {
-    const Variable *variable = find(instance, reference, kind);
+    const Variable *variable = component_find(instance, reference, kind);
     if (!variable)
         return STATUS_ERROR;
-    *value = *(const int32_t *)location(&instance->component, variable);
+    *value = *(const int32_t *)component_location(&instance->component, variable);
     return STATUS_OK;
 }
 
 Status component_set_integer(Instance *instance, Kind kind, uint32_t reference, int64_t value)
 {
-    const Variable *variable = find(instance, reference, kind);
+    const Variable *variable = component_find(instance, reference, kind);
     if (!variable || check_value(instance, variable, (double)value) != STATUS_OK)
         return STATUS_ERROR;
-    *(int32_t *)location(&instance->component, variable) = (int32_t)value;
+    *(int32_t *)component_location(&instance->component, variable) = (int32_t)value;
     invalidate(&instance->component);
     return STATUS_OK;
 }

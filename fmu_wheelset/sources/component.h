@@ -12,13 +12,20 @@
 /* In the order of the FMI standards. */
 typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL } Status;
 
+typedef enum { CO_SIMULATION, MODEL_EXCHANGE } Interface;
+
 /* Bits, so that a function can name all phases in which it is allowed. */
 typedef enum {
     INSTANTIATED = 1,
     INITIALIZATION = 2,
-    STEPPING = 4,
-    TERMINATED = 8,
-    FAILED = 16 /* a step had no solution: read, reset or free */
+    STEPPING = 4,    /* co-simulation */
+    EVENT = 8,       /* model exchange */
+    CONTINUOUS = 16, /* model exchange */
+    TERMINATED = 32,
+    FAILED = 64, /* a step had no solution: read, reset or free */
+    STARTING = INSTANTIATED | INITIALIZATION,
+    RUNNING = STEPPING | EVENT | CONTINUOUS,
+    READABLE = STARTING | RUNNING | TERMINATED | FAILED
 } Phase;
 
 typedef enum { FLOAT64, ENUMERATION, BOOLEAN } Kind;
@@ -37,6 +44,7 @@ typedef struct {
 
 /* No pointers: a copy of the bytes is a copy of the state. */
 typedef struct {
+    int32_t interface;
     int32_t phase;
     int32_t evaluated; /* x_dot and outputs belong to the present states and inputs */
     int32_t peak_known[2];
@@ -64,6 +72,9 @@ Status component_require(Instance *instance, int phases, const char *function);
 Status component_fail(Instance *instance, const char *format, ...);
 Status component_unsupported(Instance *instance, const char *function);
 
+/* STATUS_DISCARD: the call was right, but at the present states the model has no value. */
+Status component_discard(Instance *instance, const char *format, ...);
+
 /* The start values of the table. */
 void component_reset(Component *component);
 
@@ -88,5 +99,12 @@ Status component_get_reals(Instance *instance, const uint32_t references[], size
 Status component_set_reals(Instance *instance, const uint32_t references[], size_t n, const double values[]);
 Status component_get_integer(Instance *instance, Kind kind, uint32_t reference, int64_t *value);
 Status component_set_integer(Instance *instance, Kind kind, uint32_t reference, int64_t value);
+
+/* Parts for the modules beside this one: the table, and what it points to. */
+const Variable *component_variable(uint32_t reference); /* of a reference that was found */
+const Variable *component_find(Instance *instance, uint32_t reference, Kind kind);
+void *component_location(Component *component, const Variable *variable);
+void component_prepare(Component *component, Source source);
+extern const double *const COMPONENT_NOMINALS; /* of the states */
 
 #endif

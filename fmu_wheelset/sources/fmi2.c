@@ -1,5 +1,7 @@
 /* FMI 2.0 in terms of component.h. */
 #include "component.h"
+#include "derivatives.h"
+#include "snapshot.h"
 
 #include <fmi2Functions.h>
 #include <stdlib.h>
@@ -12,19 +14,18 @@ typedef struct {
     char name[]; /* instance name */
 } Fmi2Instance;
 
-enum { READABLE = INSTANTIATED | INITIALIZATION | STEPPING | TERMINATED | FAILED };
-
 /* Leave the calling function with an error unless the instance is in one of these phases. */
-#define REQUIRE(c, phases)                                                    \
-    do {                                                                      \
+#define REQUIRE(c, phases)                                                       \
+    do {                                                                         \
         if (component_require((Instance *)(c), (phases), __func__) != STATUS_OK) \
-            return fmi2Error;                                                 \
+            return fmi2Error;                                                    \
     } while (0)
 
 static void log_message(const Instance *instance, Status status, const char *message)
 {
     const Fmi2Instance *self = (const Fmi2Instance *)instance;
-    self->logger(self->environment, self->name, (fmi2Status)status, "logStatusError", message);
+    self->logger(self->environment, self->name, (fmi2Status)status,
+                 status == STATUS_DISCARD ? "logStatusDiscard" : "logStatusError", message);
 }
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
@@ -52,11 +53,10 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
     self->logger = functions->logger;
     self->environment = functions->componentEnvironment;
     self->base.log = self->logger ? log_message : 0;
+    self->base.component.interface = fmuType == fmi2ModelExchange ? MODEL_EXCHANGE : CO_SIMULATION;
     component_reset(&self->base.component);
 
-    if (fmuType != fmi2CoSimulation)
-        component_unsupported(&self->base, "fmi2Instantiate for model exchange");
-    else if (component_identify(&self->base, fmuGUID, "guid") == STATUS_OK)
+    if (component_identify(&self->base, fmuGUID, "guid") == STATUS_OK)
         return self;
     free(self);
     return 0;
@@ -86,7 +86,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 
 fmi2Status fmi2Terminate(fmi2Component c)
 {
-    REQUIRE(c, STEPPING);
+    REQUIRE(c, RUNNING);
     ((Instance *)c)->component.phase = TERMINATED;
     return fmi2OK;
 }
@@ -184,6 +184,53 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boo
     return fmi2OK;
 }
 
+/* A state is a copy of the component. */
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_take(c, state);
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_restore(c, state);
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_free(state);
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_size(c, state, size);
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_write(c, state, bytes, size);
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+{
+    REQUIRE(c, READABLE);
+    return (fmi2Status)snapshot_read(c, bytes, size, state);
+}
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[], size_t nUnknown,
+                                        const fmi2ValueReference knowns[], size_t nKnown, const fmi2Real seed[],
+                                        fmi2Real sensitivity[])
+{
+    REQUIRE(c, READABLE & ~INSTANTIATED);
+    const Jacobian J = {unknowns, nUnknown, knowns, nKnown};
+    return (fmi2Status)derivatives_directional(c, &J, seed, sensitivity);
+}
+
 /* What modelDescription.xml does not announce. */
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #define UNSUPPORTED(name, ...) \
@@ -192,30 +239,9 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boo
 
 UNSUPPORTED(fmi2GetString, REFERENCES, fmi2String value[])
 UNSUPPORTED(fmi2SetString, REFERENCES, const fmi2String value[])
-UNSUPPORTED(fmi2GetFMUstate, fmi2Component c, fmi2FMUstate *state)
-UNSUPPORTED(fmi2SetFMUstate, fmi2Component c, fmi2FMUstate state)
-UNSUPPORTED(fmi2FreeFMUstate, fmi2Component c, fmi2FMUstate *state)
-UNSUPPORTED(fmi2SerializedFMUstateSize, fmi2Component c, fmi2FMUstate state, size_t *size)
-UNSUPPORTED(fmi2SerializeFMUstate, fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
-UNSUPPORTED(fmi2DeSerializeFMUstate, fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
-UNSUPPORTED(fmi2GetDirectionalDerivative, fmi2Component c, const fmi2ValueReference unknowns[], size_t nUnknown,
-            const fmi2ValueReference knowns[], size_t nKnown, const fmi2Real seed[], fmi2Real sensitivity[])
 UNSUPPORTED(fmi2SetRealInputDerivatives, REFERENCES, const fmi2Integer order[], const fmi2Real value[])
 UNSUPPORTED(fmi2GetRealOutputDerivatives, REFERENCES, const fmi2Integer order[], fmi2Real value[])
 UNSUPPORTED(fmi2CancelStep, fmi2Component c)
 UNSUPPORTED(fmi2GetStatus, fmi2Component c, const fmi2StatusKind s, fmi2Status *value)
 UNSUPPORTED(fmi2GetIntegerStatus, fmi2Component c, const fmi2StatusKind s, fmi2Integer *value)
 UNSUPPORTED(fmi2GetStringStatus, fmi2Component c, const fmi2StatusKind s, fmi2String *value)
-
-/* Model exchange */
-UNSUPPORTED(fmi2EnterEventMode, fmi2Component c)
-UNSUPPORTED(fmi2NewDiscreteStates, fmi2Component c, fmi2EventInfo *info)
-UNSUPPORTED(fmi2EnterContinuousTimeMode, fmi2Component c)
-UNSUPPORTED(fmi2CompletedIntegratorStep, fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
-            fmi2Boolean *enterEventMode, fmi2Boolean *terminateSimulation)
-UNSUPPORTED(fmi2SetTime, fmi2Component c, fmi2Real time)
-UNSUPPORTED(fmi2SetContinuousStates, fmi2Component c, const fmi2Real x[], size_t nx)
-UNSUPPORTED(fmi2GetDerivatives, fmi2Component c, fmi2Real derivatives[], size_t nx)
-UNSUPPORTED(fmi2GetEventIndicators, fmi2Component c, fmi2Real indicators[], size_t ni)
-UNSUPPORTED(fmi2GetContinuousStates, fmi2Component c, fmi2Real x[], size_t nx)
-UNSUPPORTED(fmi2GetNominalsOfContinuousStates, fmi2Component c, fmi2Real nominal[], size_t nx)

@@ -1,5 +1,7 @@
 /* FMI 3.0 in terms of component.h. */
 #include "component.h"
+#include "derivatives.h"
+#include "snapshot.h"
 
 #include <fmi3Functions.h>
 #include <stdlib.h>
@@ -10,19 +12,18 @@ typedef struct {
     fmi3InstanceEnvironment environment;
 } Fmi3Instance;
 
-enum { READABLE = INSTANTIATED | INITIALIZATION | STEPPING | TERMINATED | FAILED };
-
 /* Leave the calling function with an error unless the instance is in one of these phases. */
-#define REQUIRE(instance, phases)                                                    \
-    do {                                                                             \
+#define REQUIRE(instance, phases)                                                       \
+    do {                                                                                \
         if (component_require((Instance *)(instance), (phases), __func__) != STATUS_OK) \
-            return fmi3Error;                                                        \
+            return fmi3Error;                                                           \
     } while (0)
 
 static void log_message(const Instance *instance, Status status, const char *message)
 {
     const Fmi3Instance *self = (const Fmi3Instance *)instance;
-    self->logger(self->environment, (fmi3Status)status, "logStatusError", message);
+    self->logger(self->environment, (fmi3Status)status,
+                 status == STATUS_DISCARD ? "logStatusDiscard" : "logStatusError", message);
 }
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
@@ -35,16 +36,24 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, siz
     return fmi3OK;
 }
 
-static Fmi3Instance *allocate(fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger)
+/* 0, with a message, if the token is not the one of this binary. */
+static Fmi3Instance *instantiate(Interface interface, fmi3String instanceName, fmi3String instantiationToken,
+                                 fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger)
 {
+    if (!instanceName || !instantiationToken)
+        return 0;
     Fmi3Instance *self = calloc(1, sizeof *self);
     if (!self)
         return 0;
     self->logger = logger;
     self->environment = environment;
     self->base.log = logger ? log_message : 0;
+    self->base.component.interface = interface;
     component_reset(&self->base.component);
-    return self;
+    if (component_identify(&self->base, instantiationToken, "instantiationToken") == STATUS_OK)
+        return self;
+    free(self);
+    return 0;
 }
 
 fmi3Instance fmi3InstantiateCoSimulation(
@@ -56,16 +65,10 @@ fmi3Instance fmi3InstantiateCoSimulation(
 {
     (void)resourcePath, (void)visible, (void)loggingOn, (void)earlyReturnAllowed;
     (void)requiredIntermediateVariables, (void)intermediateUpdate;
-    if (!instanceName || !instantiationToken)
-        return 0;
-    Fmi3Instance *self = allocate(instanceEnvironment, logMessage);
-    if (!self)
-        return 0;
-
-    if (eventModeUsed || nRequiredIntermediateVariables > 0)
-        component_unsupported(&self->base, "fmi3InstantiateCoSimulation with event mode or intermediate variables");
-    else if (component_identify(&self->base, instantiationToken, "instantiationToken") == STATUS_OK)
+    Fmi3Instance *self = instantiate(CO_SIMULATION, instanceName, instantiationToken, instanceEnvironment, logMessage);
+    if (!self || !(eventModeUsed || nRequiredIntermediateVariables > 0))
         return self;
+    component_unsupported(&self->base, "fmi3InstantiateCoSimulation with event mode or intermediate variables");
     free(self);
     return 0;
 }
@@ -74,12 +77,8 @@ fmi3Instance fmi3InstantiateModelExchange(
     fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath, fmi3Boolean visible,
     fmi3Boolean loggingOn, fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage)
 {
-    (void)instanceName, (void)instantiationToken, (void)resourcePath, (void)visible, (void)loggingOn;
-    Fmi3Instance *self = allocate(instanceEnvironment, logMessage);
-    if (self)
-        component_unsupported(&self->base, __func__);
-    free(self);
-    return 0;
+    (void)resourcePath, (void)visible, (void)loggingOn;
+    return instantiate(MODEL_EXCHANGE, instanceName, instantiationToken, instanceEnvironment, logMessage);
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(
@@ -88,9 +87,9 @@ fmi3Instance fmi3InstantiateScheduledExecution(
     fmi3ClockUpdateCallback clockUpdate, fmi3LockPreemptionCallback lockPreemption,
     fmi3UnlockPreemptionCallback unlockPreemption)
 {
-    (void)instanceName, (void)instantiationToken, (void)resourcePath, (void)visible, (void)loggingOn;
+    (void)resourcePath, (void)visible, (void)loggingOn;
     (void)clockUpdate, (void)lockPreemption, (void)unlockPreemption;
-    Fmi3Instance *self = allocate(instanceEnvironment, logMessage);
+    Fmi3Instance *self = instantiate(CO_SIMULATION, instanceName, instantiationToken, instanceEnvironment, logMessage);
     if (self)
         component_unsupported(&self->base, __func__);
     free(self);
@@ -117,7 +116,7 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
 
 fmi3Status fmi3Terminate(fmi3Instance instance)
 {
-    REQUIRE(instance, STEPPING);
+    REQUIRE(instance, RUNNING);
     ((Instance *)instance)->component.phase = TERMINATED;
     return fmi3OK;
 }
@@ -208,88 +207,57 @@ SET_INTEGERS(fmi3SetInt64, fmi3Int64, ENUMERATION)
 GET_INTEGERS(fmi3GetBoolean, fmi3Boolean, BOOLEAN)
 SET_INTEGERS(fmi3SetBoolean, fmi3Boolean, BOOLEAN)
 
-/* What modelDescription.xml does not announce. */
-#pragma GCC diagnostic ignored "-Wunused-parameter"
-#define UNSUPPORTED(name, ...) \
-    fmi3Status name(__VA_ARGS__) { return (fmi3Status)component_unsupported(instance, #name); }
-#define UNSUPPORTED_GET(name, type) GET(name, type) { return (fmi3Status)component_unsupported(instance, #name); }
-#define UNSUPPORTED_SET(name, type) SET(name, type) { return (fmi3Status)component_unsupported(instance, #name); }
-#define REFERENCES fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences
+/* A state is a copy of the component. */
 
-UNSUPPORTED_GET(fmi3GetFloat32, fmi3Float32)
-UNSUPPORTED_GET(fmi3GetInt8, fmi3Int8)
-UNSUPPORTED_GET(fmi3GetUInt8, fmi3UInt8)
-UNSUPPORTED_GET(fmi3GetInt16, fmi3Int16)
-UNSUPPORTED_GET(fmi3GetUInt16, fmi3UInt16)
-UNSUPPORTED_GET(fmi3GetInt32, fmi3Int32)
-UNSUPPORTED_GET(fmi3GetUInt32, fmi3UInt32)
-UNSUPPORTED_GET(fmi3GetUInt64, fmi3UInt64)
-UNSUPPORTED_GET(fmi3GetString, fmi3String)
-UNSUPPORTED_SET(fmi3SetFloat32, fmi3Float32)
-UNSUPPORTED_SET(fmi3SetInt8, fmi3Int8)
-UNSUPPORTED_SET(fmi3SetUInt8, fmi3UInt8)
-UNSUPPORTED_SET(fmi3SetInt16, fmi3Int16)
-UNSUPPORTED_SET(fmi3SetUInt16, fmi3UInt16)
-UNSUPPORTED_SET(fmi3SetInt32, fmi3Int32)
-UNSUPPORTED_SET(fmi3SetUInt32, fmi3UInt32)
-UNSUPPORTED_SET(fmi3SetUInt64, fmi3UInt64)
-UNSUPPORTED(fmi3SetString, REFERENCES, const fmi3String values[], size_t nValues)
-UNSUPPORTED(fmi3GetBinary, REFERENCES, size_t valueSizes[], fmi3Binary values[], size_t nValues)
-UNSUPPORTED(fmi3SetBinary, REFERENCES, const size_t valueSizes[], const fmi3Binary values[], size_t nValues)
-UNSUPPORTED(fmi3GetClock, REFERENCES, fmi3Clock values[])
-UNSUPPORTED(fmi3SetClock, REFERENCES, const fmi3Clock values[])
-UNSUPPORTED(fmi3GetOutputDerivatives, REFERENCES, const fmi3Int32 orders[], fmi3Float64 values[], size_t nValues)
+fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_take(instance, state);
+}
 
-UNSUPPORTED(fmi3GetNumberOfVariableDependencies, fmi3Instance instance, fmi3ValueReference valueReference,
-            size_t *nDependencies)
-UNSUPPORTED(fmi3GetVariableDependencies, fmi3Instance instance, fmi3ValueReference dependent,
-            size_t elementIndicesOfDependent[], fmi3ValueReference independents[],
-            size_t elementIndicesOfIndependents[], fmi3DependencyKind dependencyKinds[], size_t nDependencies)
-UNSUPPORTED(fmi3GetFMUState, fmi3Instance instance, fmi3FMUState *state)
-UNSUPPORTED(fmi3SetFMUState, fmi3Instance instance, fmi3FMUState state)
-UNSUPPORTED(fmi3FreeFMUState, fmi3Instance instance, fmi3FMUState *state)
-UNSUPPORTED(fmi3SerializedFMUStateSize, fmi3Instance instance, fmi3FMUState state, size_t *size)
-UNSUPPORTED(fmi3SerializeFMUState, fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size)
-UNSUPPORTED(fmi3DeserializeFMUState, fmi3Instance instance, const fmi3Byte bytes[], size_t size,
-            fmi3FMUState *state)
-#define DERIVATIVE_ARGUMENTS                                                                        \
-    fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns,                   \
-        const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,  \
-        fmi3Float64 sensitivity[], size_t nSensitivity
-UNSUPPORTED(fmi3GetDirectionalDerivative, DERIVATIVE_ARGUMENTS)
-UNSUPPORTED(fmi3GetAdjointDerivative, DERIVATIVE_ARGUMENTS)
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_restore(instance, state);
+}
 
-/* Modes and clocks */
-UNSUPPORTED(fmi3EnterEventMode, fmi3Instance instance)
-UNSUPPORTED(fmi3EnterStepMode, fmi3Instance instance)
-UNSUPPORTED(fmi3EnterConfigurationMode, fmi3Instance instance)
-UNSUPPORTED(fmi3ExitConfigurationMode, fmi3Instance instance)
-UNSUPPORTED(fmi3GetIntervalDecimal, REFERENCES, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
-UNSUPPORTED(fmi3GetIntervalFraction, REFERENCES, fmi3UInt64 counters[], fmi3UInt64 resolutions[],
-            fmi3IntervalQualifier qualifiers[])
-UNSUPPORTED(fmi3GetShiftDecimal, REFERENCES, fmi3Float64 shifts[])
-UNSUPPORTED(fmi3GetShiftFraction, REFERENCES, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
-UNSUPPORTED(fmi3SetIntervalDecimal, REFERENCES, const fmi3Float64 intervals[])
-UNSUPPORTED(fmi3SetIntervalFraction, REFERENCES, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
-UNSUPPORTED(fmi3SetShiftDecimal, REFERENCES, const fmi3Float64 shifts[])
-UNSUPPORTED(fmi3SetShiftFraction, REFERENCES, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
-UNSUPPORTED(fmi3EvaluateDiscreteStates, fmi3Instance instance)
-UNSUPPORTED(fmi3UpdateDiscreteStates, fmi3Instance instance, fmi3Boolean *discreteStatesNeedUpdate,
-            fmi3Boolean *terminateSimulation, fmi3Boolean *nominalsOfContinuousStatesChanged,
-            fmi3Boolean *valuesOfContinuousStatesChanged, fmi3Boolean *nextEventTimeDefined,
-            fmi3Float64 *nextEventTime)
-UNSUPPORTED(fmi3ActivateModelPartition, fmi3Instance instance, fmi3ValueReference clockReference,
-            fmi3Float64 activationTime)
+fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *state)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_free(state);
+}
 
-/* Model exchange */
-UNSUPPORTED(fmi3EnterContinuousTimeMode, fmi3Instance instance)
-UNSUPPORTED(fmi3CompletedIntegratorStep, fmi3Instance instance, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
-            fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation)
-UNSUPPORTED(fmi3SetTime, fmi3Instance instance, fmi3Float64 time)
-UNSUPPORTED(fmi3SetContinuousStates, fmi3Instance instance, const fmi3Float64 states[], size_t nStates)
-UNSUPPORTED(fmi3GetContinuousStateDerivatives, fmi3Instance instance, fmi3Float64 derivatives[], size_t nStates)
-UNSUPPORTED(fmi3GetEventIndicators, fmi3Instance instance, fmi3Float64 indicators[], size_t nIndicators)
-UNSUPPORTED(fmi3GetContinuousStates, fmi3Instance instance, fmi3Float64 states[], size_t nStates)
-UNSUPPORTED(fmi3GetNominalsOfContinuousStates, fmi3Instance instance, fmi3Float64 nominals[], size_t nStates)
-UNSUPPORTED(fmi3GetNumberOfEventIndicators, fmi3Instance instance, size_t *nIndicators)
-UNSUPPORTED(fmi3GetNumberOfContinuousStates, fmi3Instance instance, size_t *nStates)
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t *size)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_size(instance, state, size);
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_write(instance, state, bytes, size);
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
+{
+    REQUIRE(instance, READABLE);
+    return (fmi3Status)snapshot_read(instance, bytes, size, state);
+}
+
+#define DERIVATIVE(name, compute, nColumns, nRows)                                                          \
+    fmi3Status name(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns,           \
+                    const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],            \
+                    size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity)                           \
+    {                                                                                                       \
+        REQUIRE(instance, READABLE & ~INSTANTIATED);                                                        \
+        const Jacobian J = {unknowns, nUnknowns, knowns, nKnowns};                                          \
+        if (nSeed != (nColumns) || nSensitivity != (nRows))                                                 \
+            return (fmi3Status)component_fail(instance, "derivatives: got %lu seeds and %lu sensitivities, " \
+                                              "expected %lu and %lu", (unsigned long)nSeed,                 \
+                                              (unsigned long)nSensitivity, (unsigned long)(nColumns),       \
+                                              (unsigned long)(nRows));                                      \
+        return (fmi3Status)compute(instance, &J, seed, sensitivity);                                        \
+    }
+DERIVATIVE(fmi3GetDirectionalDerivative, derivatives_directional, nKnowns, nUnknowns)
+DERIVATIVE(fmi3GetAdjointDerivative, derivatives_adjoint, nUnknowns, nKnowns)

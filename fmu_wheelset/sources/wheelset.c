@@ -43,6 +43,16 @@ void wheelset_initialise(Wheelset *wheelset)
         wheelset->x[OMEGA_L + i] = (v + p->initial_creepage * v_r) / rolling_radius(p, i);
 }
 
+void wheelset_initialise_tangent(const Wheelset *wheelset, const Inputs *d_u, double d_x[])
+{
+    const Parameters *p = &wheelset->p;
+    double slope;
+    regularised_speed(wheelset->u.speed, p->v0, &slope);
+    d_x[V] = d_u->speed;
+    for (int i = LEFT; i <= RIGHT; i++)
+        d_x[OMEGA_L + i] = (1.0 + p->initial_creepage * slope) * d_u->speed / rolling_radius(p, i);
+}
+
 int wheelset_moving_states(const Parameters *p, int moving[N_STATES])
 {
     int n = 0;

@@ -92,6 +92,7 @@ typedef struct {
 
 /* Start value of the states that follow from inputs and parameters: wheel speeds and forward speed. */
 void wheelset_initialise(Wheelset *wheelset);
+void wheelset_initialise_tangent(const Wheelset *wheelset, const Inputs *d_u, double d_x[]);
 
 /* Which states move in the present drive mode; the others have zero derivative. Returns their number. */
 int wheelset_moving_states(const Parameters *p, int moving[N_STATES]);

@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi3 import FMU3Model, FMU3Slave
 from hypothesis import settings
 
 from fmu_wheelset import ContactPatch, RailCondition, WheelsetParameters, build
 from fmu_wheelset.variables import REFERENCES, VARIABLES, DriveMode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from fmpy.model_description import ModelDescription
@@ -62,11 +62,13 @@ class Plant:
 
     states = tuple(v.name for v in VARIABLES if v.is_state)
 
-    def __init__(self, folder: Path, description: ModelDescription, **start: float) -> None:
+    def __init__(
+        self, folder: Path, description: ModelDescription, exchange: bool = False, **start: float
+    ) -> None:
         self.fmi = int(description.fmiVersion[0])
         self.messages: list[str] = []
-        kind = FMU2Slave if self.fmi == 2 else FMU3Slave
-        self.slave = kind(
+        kinds = (FMU2Model, FMU3Model) if exchange else (FMU2Slave, FMU3Slave)
+        self.slave = kinds[self.fmi - 2](
             guid=description.guid,
             unzipDirectory=str(folder),
             modelIdentifier=description.coSimulation.modelIdentifier,
@@ -118,6 +120,17 @@ class Plant:
         self.slave.exitInitializationMode()
         return self
 
+    def derivatives(
+        self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]
+    ) -> np.ndarray:
+        """Directional derivatives of the unknowns along the seed of the knowns."""
+        references = [REFERENCES[name] for name in unknowns], [REFERENCES[name] for name in knowns]
+        return np.array(self.slave.getDirectionalDerivative(*references, list(seed)))
+
+    def jacobian(self, unknowns: Sequence[str], knowns: Sequence[str]) -> np.ndarray:
+        """Derivatives of the unknowns, in rows, with respect to the knowns."""
+        return np.column_stack([self.derivatives(unknowns, knowns, seed) for seed in np.eye(len(knowns))])
+
     def step(self, t: float, h: float) -> None:
         self.slave.doStep(t, h)
 
@@ -145,11 +158,11 @@ def extracted(
 
 @pytest.fixture
 def plant(extracted: dict[int, tuple[Path, ModelDescription]]) -> Iterator[Callable[..., Plant]]:
-    """Make instances: ``plant(speed=20.0, fmi=3)``; they are freed after the test."""
+    """Make instances: ``plant(speed=20.0, fmi=3, exchange=False)``; they are freed after the test."""
     made: list[Plant] = []
 
-    def make(fmi: int = 3, **start: float) -> Plant:
-        made.append(Plant(*extracted[fmi], **start))
+    def make(fmi: int = 3, exchange: bool = False, **start: float) -> Plant:
+        made.append(Plant(*extracted[fmi], exchange, **start))
         return made[-1]
 
     yield make

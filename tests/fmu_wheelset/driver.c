@@ -96,6 +96,50 @@ static void extremes(fmi3Instance instance)
             }
 }
 
+/* States, derivatives and copies of an instance of model exchange, within reason and far outside. */
+static int exchange(void)
+{
+    enum { N = 8, BYTES = 8192 };
+    static fmi3Byte bytes[BYTES];
+    fmi3Instance instance = fmi3InstantiateModelExchange("driver", TOKEN, "", fmi3False, fmi3False, 0, count_message);
+    fmi3FMUState state = 0, copy = 0;
+    double x[N], x_dot[N], nominals[N], sensitivity[1], seed[] = {1.0};
+    size_t size;
+    fmi3EnterInitializationMode(instance, fmi3False, 0.0, 0.0, fmi3False, 0.0);
+    fmi3ExitInitializationMode(instance);
+    fmi3EnterContinuousTimeMode(instance);
+    fmi3GetNominalsOfContinuousStates(instance, nominals, N);
+    fmi3GetFMUState(instance, &state);
+    for (double scale = 1e-300; scale < 1e300; scale *= 1e20) {
+        for (int i = 0; i < N; i++)
+            x[i] = scale * nominals[i];
+        fmi3SetContinuousStates(instance, x, N);
+        fmi3GetContinuousStateDerivatives(instance, x_dot, N);
+        for (fmi3ValueReference unknown = 0; unknown < N_VARIABLES + 3; unknown++)
+            for (fmi3ValueReference known = 0; known < N_VARIABLES + 3; known += 7) {
+                fmi3GetDirectionalDerivative(instance, &unknown, 1, &known, 1, seed, 1, sensitivity, 1);
+                fmi3GetAdjointDerivative(instance, &unknown, 1, &known, 1, seed, 1, sensitivity, 1);
+            }
+    }
+    fmi3SetFMUState(instance, state);
+    if (fmi3SerializedFMUStateSize(instance, state, &size) != fmi3OK || size > BYTES)
+        return 0;
+    fmi3SerializeFMUState(instance, state, bytes, size);
+    for (size_t i = 0; i < size; i += 13) {
+        bytes[i] ^= 1;
+        if (fmi3DeserializeFMUState(instance, bytes, size, &copy) == fmi3OK)
+            return 0;
+        bytes[i] ^= 1;
+    }
+    if (fmi3DeserializeFMUState(instance, bytes, size, &copy) != fmi3OK)
+        return 0;
+    fmi3SetFMUState(instance, copy);
+    fmi3FreeFMUState(instance, &state);
+    fmi3FreeFMUState(instance, &copy);
+    fmi3FreeInstance(instance);
+    return state == 0 && copy == 0;
+}
+
 int main(void)
 {
     static const double SPEEDS[] = {0.0, 0.05, 20.0, -30.0, 100.0};
@@ -110,6 +154,8 @@ int main(void)
                 if (!run(instance, mode, forward != 0, SPEEDS[i], 8e4) || !run(instance, mode, forward != 0, SPEEDS[i], 1e-9))
                     return 3;
     extremes(instance);
+    if (!exchange())
+        return 4;
     fmi3FreeInstance(instance);
     fmi3FreeInstance(0);
     puts("finished");
