@@ -27,10 +27,13 @@ from fmu_wheelset.terminals import terminals_xml
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["ARCHIVES", "archive_token", "build", "present_token"]
+__all__ = ["ARCHIVES", "archive_token", "build", "is_current", "present_token"]
 
 PACKAGE = Path(__file__).parent
 SOURCES = PACKAGE / "sources"
+LICENSE = PACKAGE.parent / "LICENSE"
+#: Its equations go into the archives.
+DOCUMENTATION = PACKAGE.parent / "docs" / "model.md"
 ARCHIVES = PACKAGE / "archives"
 
 # -ffp-contract=off: no fused multiply-add, so that all machines compute the same bits.
@@ -56,6 +59,23 @@ def archive_token(archive: Path) -> str:
     with zipfile.ZipFile(archive) as opened:
         root = ET.fromstring(opened.read("modelDescription.xml"))
     return root.get("instantiationToken") or root.get("guid") or ""
+
+
+def is_current() -> bool:
+    """Whether both archives are there, for this machine, and newer than everything they are made of."""
+    made_of = [*PACKAGE.glob("*.py"), *SOURCES.iterdir(), DOCUMENTATION, LICENSE]
+    changed = max(file.stat().st_mtime for file in made_of)
+    target = host_target()
+    for fmi, folder in ((2, target.fmi2_folder), (3, target.fmi3_folder)):
+        archive = ARCHIVES / f"{MODEL}_fmi{fmi}.fmu"
+        if not archive.is_file() or archive.stat().st_mtime < changed:
+            return False
+        with zipfile.ZipFile(archive) as opened:
+            if f"binaries/{folder}/{MODEL}{target.suffix}" not in opened.namelist():
+                return False
+        if archive_token(archive) != present_token():
+            return False
+    return True
 
 
 def fmi_headers() -> Path:
@@ -149,14 +169,13 @@ def build(folder: Path = ARCHIVES, targets: Sequence[Target] | None = None) -> t
 
 def _documentation() -> dict[str, bytes]:
     """Return the HTML page, whose equations are those of the docs of the source tree."""
-    model = (PACKAGE.parent / "docs" / "model.md").read_text(encoding="utf-8")
-    page = documentation.index_html(model_description.TITLE, model)
+    page = documentation.index_html(model_description.TITLE, DOCUMENTATION.read_text(encoding="utf-8"))
     return {"documentation/index.html": page.encode()}
 
 
 def _license() -> bytes:
     """Return the license of the project, from the source tree."""
-    return (PACKAGE.parent / "LICENSE").read_bytes()
+    return LICENSE.read_bytes()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import platform
+import shutil
 import subprocess
 import sys
+import time
 import zipfile
 from typing import TYPE_CHECKING
 
@@ -14,7 +17,7 @@ from fmpy.validation import validate_fmu
 import fmu_wheelset
 from fmu_wheelset import CONDITIONS, ContactPatch, WheelsetParameters, build, model_description
 from fmu_wheelset.archive import write_archive
-from fmu_wheelset.targets import Target, host_target
+from fmu_wheelset.targets import TARGETS, host_target
 from fmu_wheelset.variables import REFERENCES, UNITS, VARIABLES
 
 if TYPE_CHECKING:
@@ -182,22 +185,64 @@ def test_failed_write_keeps_the_old_archive(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("version", ["standard", "editable"])
-def test_build_hook_tags_the_wheel_with_its_platform(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, version: str
+@pytest.mark.parametrize("current", [True, False])
+def test_build_hook_compiles_what_is_not_current_and_tags_the_wheel(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, version: str, current: bool
 ) -> None:
-    pytest.importorskip("hatchling")
-    from fmu_wheelset.hatch_hook import WheelsetBuildHook
+    from fmu_wheelset.hatch_hook import TOOLS, WheelsetBuildHook
 
-    built: list[Target] = []
-
-    def record(*, targets: list[Target]) -> None:
-        built.extend(targets)
-
-    monkeypatch.setattr(build, "build", record)
-    data: dict[str, object] = {}
+    built: list[str] = []
+    monkeypatch.setattr(build, "is_current", lambda: current)
+    monkeypatch.setattr(build, "build", lambda: built.append("archives"))
     for target_name in ("sdist", "wheel"):
+        data: dict[str, object] = {}
         hook = WheelsetBuildHook(str(build.PACKAGE.parent), {}, None, None, str(tmp_path), target_name)
+        needed = target_name == "wheel" and not current
+        assert hook.dependencies() == (TOOLS if needed else [])
         hook.initialize(version, data)
+        assert built == ["archives"] * needed
         assert (data != {}) == (target_name == "wheel")
-    assert built == [host_target()]
-    assert data == {"pure_python": False, "tag": f"py3-none-{built[0].wheel_tag}"}
+    assert data == {"pure_python": False, "tag": f"py3-none-{host_target().wheel_tag}"}
+
+
+@pytest.fixture
+def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the package with its archives, that `build` takes for its own."""
+    package = tmp_path / "fmu_wheelset"
+    shutil.copytree(build.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for file in (build.LICENSE, build.DOCUMENTATION):
+        shutil.copy2(file, tmp_path / file.name)
+    for name in ("sources", "archives"):
+        monkeypatch.setattr(build, name.upper(), package / name)
+    monkeypatch.setattr(build, "PACKAGE", package)
+    monkeypatch.setattr(build, "LICENSE", tmp_path / "LICENSE")
+    monkeypatch.setattr(build, "DOCUMENTATION", tmp_path / "model.md")
+    for archive in (package / "archives").iterdir():
+        os.utime(archive)
+    return tmp_path
+
+
+def test_archives_are_current_until_something_changes(tree: Path) -> None:
+    assert build.is_current()
+    later = time.time() + 10.0
+    for file in ("model.md", "LICENSE", "fmu_wheelset/icon.py", "fmu_wheelset/sources/contact.c"):
+        before = (tree / file).stat().st_mtime
+        os.utime(tree / file, (later, later))
+        assert not build.is_current(), file
+        os.utime(tree / file, (before, before))
+    assert build.is_current()
+
+
+def test_archives_of_other_sources_or_machines_are_not_current(
+    tree: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(build, "present_token", lambda: "{another}")
+    assert not build.is_current()
+    monkeypatch.undo()
+    monkeypatch.setattr(build, "host_target", lambda: TARGETS["Windows", "AMD64"])
+    assert not build.is_current()
+
+
+def test_missing_archives_are_not_current(tree: Path) -> None:
+    (tree / "fmu_wheelset" / "archives" / "wheelset_fmi3.fmu").unlink()
+    assert not build.is_current()
