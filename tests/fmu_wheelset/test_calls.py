@@ -159,7 +159,7 @@ def test_values_that_come_out_infinite_are_never_silent(plant: MakePlant, fmi: i
     refused(
         one,
         lambda: one.get("lateral_acceleration"),
-        r"^lateral_acceleration: got inf at 0 s, expected a finite number; check inputs, parameters and states",
+        "^lateral_acceleration: got inf at 0 s, expected a finite number; check inputs, parameters and",
         DISCARD,
     )
     refused(
