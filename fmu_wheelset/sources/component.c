@@ -42,6 +42,14 @@ Status component_discard(Instance *instance, const char *format, ...)
     return status;
 }
 
+Status component_check_finite(Instance *instance, const char *what, double value)
+{
+    if (isfinite(value))
+        return STATUS_OK;
+    return component_discard(instance, "%s: got %g at %.12g s, expected a finite number; check inputs, parameters "
+                             "and states", what, value, instance->component.time);
+}
+
 static const char *phase_name(int phase)
 {
     switch (phase) {
@@ -250,6 +258,8 @@ Status component_get_reals(Instance *instance, const uint32_t references[], size
             return STATUS_ERROR;
         component_prepare(&instance->component, variable->source);
         values[i] = *(const double *)component_location(&instance->component, variable);
+        if (component_check_finite(instance, variable->name, values[i]) != STATUS_OK)
+            return STATUS_DISCARD;
     }
     return STATUS_OK;
 }
@@ -278,14 +288,16 @@ Status component_get_integer(Instance *instance, Kind kind, uint32_t reference, 
     return STATUS_OK;
 }
 
-Status component_set_integer(Instance *instance, Kind kind, uint32_t reference, int64_t value)
+Status component_check_integer(Instance *instance, Kind kind, uint32_t reference, int64_t value)
 {
     const Variable *variable = component_find(instance, reference, kind);
-    if (!variable || check_value(instance, variable, (double)value) != STATUS_OK)
-        return STATUS_ERROR;
-    *(int32_t *)component_location(&instance->component, variable) = (int32_t)value;
+    return variable ? check_value(instance, variable, (double)value) : STATUS_ERROR;
+}
+
+void component_set_integer(Instance *instance, uint32_t reference, int64_t value)
+{
+    store(&instance->component, &VARIABLES[reference], (double)value);
     invalidate(&instance->component);
-    return STATUS_OK;
 }
 
 static void evaluate_states(const void *model, const double x[], double x_dot[],
@@ -311,6 +323,8 @@ static Status check_step(Instance *instance, double time, double duration)
     if (!(fabs(time - component->time) <= slack))
         return component_fail(instance, "communication point: got %.12g s, expected %.12g s where the last step "
                               "ended", time, component->time);
+    if (!isfinite(time + duration))
+        return component_fail(instance, "communication step: ends at %g s, expected a finite time", time + duration);
     if (component->stop_time_defined && time + duration > component->stop_time + slack)
         return component_fail(instance, "communication step: ends at %.12g s, expected at most the stop time of "
                               "%.12g s", time + duration, component->stop_time);

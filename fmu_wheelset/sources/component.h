@@ -74,6 +74,7 @@ Status component_unsupported(Instance *instance, const char *function);
 
 /* STATUS_DISCARD: the call was right, but at the present states the model has no value. */
 Status component_discard(Instance *instance, const char *format, ...);
+Status component_check_finite(Instance *instance, const char *what, double value);
 
 /* The start values of the table. */
 void component_reset(Component *component);
@@ -94,11 +95,12 @@ Status component_step(Instance *instance, double time, double duration);
 /* STATUS_ERROR with a message if an array of n > 0 elements is missing. */
 Status component_require_arrays(Instance *instance, size_t n, const void *references, const void *values);
 
-/* All reals are checked before the first one is set. */
+/* All values are checked before the first one is set. */
 Status component_get_reals(Instance *instance, const uint32_t references[], size_t n, double values[]);
 Status component_set_reals(Instance *instance, const uint32_t references[], size_t n, const double values[]);
 Status component_get_integer(Instance *instance, Kind kind, uint32_t reference, int64_t *value);
-Status component_set_integer(Instance *instance, Kind kind, uint32_t reference, int64_t value);
+Status component_check_integer(Instance *instance, Kind kind, uint32_t reference, int64_t value);
+void component_set_integer(Instance *instance, uint32_t reference, int64_t value); /* that was checked */
 
 /* Parts for the modules beside this one: the table, and what it points to. */
 const Variable *component_variable(uint32_t reference); /* of a reference that was found */

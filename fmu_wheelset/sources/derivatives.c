@@ -77,6 +77,11 @@ static double *entry(Component *d, uint32_t reference)
     return component_location(d, component_variable(reference));
 }
 
+static Status check_sensitivity(Instance *instance, uint32_t reference, double value)
+{
+    return component_check_finite(instance, component_variable(reference)->name, value);
+}
+
 Status derivatives_directional(Instance *instance, const Jacobian *J, const double seed[], double sensitivity[])
 {
     if (check(instance, J, seed, sensitivity) != STATUS_OK)
@@ -88,8 +93,11 @@ Status derivatives_directional(Instance *instance, const Jacobian *J, const doub
     for (size_t j = 0; j < J->n_knowns; j++)
         *entry(&d, J->knowns[j]) += seed[j];
     differentiate(&instance->component, &e, &d);
-    for (size_t i = 0; i < J->n_unknowns; i++)
+    for (size_t i = 0; i < J->n_unknowns; i++) {
         sensitivity[i] = *entry(&d, J->unknowns[i]);
+        if (check_sensitivity(instance, J->unknowns[i], sensitivity[i]) != STATUS_OK)
+            return STATUS_DISCARD;
+    }
     return STATUS_OK;
 }
 
@@ -108,6 +116,8 @@ Status derivatives_adjoint(Instance *instance, const Jacobian *J, const double s
         sensitivity[j] = 0.0;
         for (size_t i = 0; i < J->n_unknowns; i++)
             sensitivity[j] += seed[i] * *entry(&d, J->unknowns[i]);
+        if (check_sensitivity(instance, J->knowns[j], sensitivity[j]) != STATUS_OK)
+            return STATUS_DISCARD;
     }
     return STATUS_OK;
 }

@@ -66,7 +66,7 @@ Status exchange_get_states(Instance *instance, double x[], size_t n)
     if (check_states(instance, x, n) != STATUS_OK)
         return STATUS_ERROR;
     memcpy(x, present(&instance->component)->x, n * sizeof *x);
-    return STATUS_OK;
+    return check_finite(instance, "continuous state", x);
 }
 
 Status exchange_get_derivatives(Instance *instance, double x_dot[], size_t n)

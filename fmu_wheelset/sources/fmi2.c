@@ -129,8 +129,10 @@ static fmi2Status set_integers(Instance *instance, Kind kind, const fmi2ValueRef
     if (component_require_arrays(instance, nvr, vr, value) != STATUS_OK)
         return fmi2Error;
     for (size_t i = 0; i < nvr; i++)
-        if (component_set_integer(instance, kind, vr[i], value[i]) != STATUS_OK)
+        if (component_check_integer(instance, kind, vr[i], value[i]) != STATUS_OK)
             return fmi2Error;
+    for (size_t i = 0; i < nvr; i++)
+        component_set_integer(instance, vr[i], value[i]);
     return fmi2OK;
 }
 

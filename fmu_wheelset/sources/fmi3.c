@@ -198,8 +198,10 @@ SET(fmi3SetFloat64, fmi3Float64)
         if (check_arrays(instance, nValueReferences, valueReferences, nValues, values) != STATUS_OK)        \
             return fmi3Error;                                                                               \
         for (size_t i = 0; i < nValues; i++)                                                                \
-            if (component_set_integer(instance, kind, valueReferences[i], values[i]) != STATUS_OK)          \
+            if (component_check_integer(instance, kind, valueReferences[i], values[i]) != STATUS_OK)        \
                 return fmi3Error;                                                                           \
+        for (size_t i = 0; i < nValues; i++)                                                                \
+            component_set_integer(instance, valueReferences[i], values[i]);                                 \
         return fmi3OK;                                                                                      \
     }
 GET_INTEGERS(fmi3GetInt64, fmi3Int64, ENUMERATION)

@@ -57,7 +57,11 @@ static int read_token(Instance *instance, const char *token)
 
 Status component_identify(Instance *instance, const char *token, const char *attribute)
 {
-    if (!read_token(instance, token))
+    void (*const log)(const Instance *, Status, const char *) = instance->log;
+    instance->log = 0; /* of a refused start value too there is one message: that on the token */
+    const int accepted = read_token(instance, token);
+    instance->log = log;
+    if (!accepted)
         return component_fail(instance, "%s: got another than %s, so modelDescription.xml and binary do not belong "
                               "together; install the FMU again", attribute, INSTANTIATION_TOKEN);
     instance->start = instance->component;

@@ -1,4 +1,6 @@
 /* Drive the FMU through its FMI 3 functions, legally and not, for the sanitizers to watch. */
+#include "fuzz.h"
+
 #include <fmi3Functions.h>
 #include <math.h>
 #include <stdio.h>
@@ -156,6 +158,8 @@ int main(void)
     extremes(instance);
     if (!exchange())
         return 4;
+    if (!random_calls_are_lawful())
+        return 5;
     fmi3FreeInstance(instance);
     fmi3FreeInstance(0);
     puts("finished");

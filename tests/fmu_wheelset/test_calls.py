@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     MakePlant = Callable[..., Any]
 
 both = pytest.mark.parametrize("fmi", [2, 3])
-ERROR = 3
+DISCARD, ERROR = 2, 3
 
 
-def refused(plant: Any, call: Callable[[], object], message: str) -> None:
-    """The call returns an error and logs exactly one message."""
+def refused(plant: Any, call: Callable[[], object], message: str, status: int = ERROR) -> None:
+    """The call returns the status and logs exactly one message."""
     plant.messages.clear()
     with pytest.raises(FMICallException) as caught:
         call()
-    assert caught.value.status == ERROR
+    assert caught.value.status == status
     assert len(plant.messages) == 1
     assert re.search(message, plant.messages[0]), plant.messages[0]
 
@@ -145,6 +145,34 @@ def test_nothing_is_set_if_one_value_is_wrong(plant: MakePlant, fmi: int) -> Non
 
 
 @both
+def test_no_integer_is_set_if_one_is_wrong(plant: MakePlant, fmi: int) -> None:
+    one = plant(fmi)
+    s, reference = one.slave, REFERENCES["drive_mode"]
+    read, write = (s.getInteger, s.setInteger) if fmi == 2 else (s.getInt64, s.setInt64)
+    refused(one, lambda: write([reference] * 2, [2, 4]), "^drive_mode: got 4")
+    assert list(read([reference])) == [1]
+
+
+@both
+def test_values_that_come_out_infinite_are_never_silent(plant: MakePlant, fmi: int) -> None:
+    one = plant(fmi, m_w=1e-300, curve_force=1e300).initialise()
+    refused(
+        one,
+        lambda: one.get("lateral_acceleration"),
+        "^lateral_acceleration: got inf at 0 s, expected a finite number; check inputs, parameters and",
+        DISCARD,
+    )
+    refused(
+        one,
+        lambda: one.derivatives(["lateral_acceleration"], ["curve_force"], [1e300]),
+        "^lateral_acceleration: got inf",
+        DISCARD,
+    )
+    one.set(curve_force=0.0)  # it can go on
+    assert math.isfinite(one.get("lateral_acceleration")[0])
+
+
+@both
 @pytest.mark.parametrize(
     ("t", "h", "message"),
     [
@@ -161,6 +189,14 @@ def test_wrong_steps(plant: MakePlant, fmi: int, t: float, h: float, message: st
     refused(one, lambda: one.step(t, h), message)
     one.step(0.0, 1e-3)  # it can go on
     assert one.get("time") == [1e-3]
+
+
+@both
+def test_step_beyond_all_times(plant: MakePlant, fmi: int) -> None:
+    one = plant(fmi, speed=0.0).initialise(1.7e308)
+    refused(
+        one, lambda: one.step(1.7e308, 1e308), "communication step: ends at inf s, expected a finite time"
+    )
 
 
 @both

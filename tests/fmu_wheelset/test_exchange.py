@@ -339,3 +339,9 @@ def test_derivatives_that_are_not_finite_are_discarded(plant: MakePlant, fmi: in
     refused(one, lambda: derivatives(one), "derivative of continuous state .* expected a finite", DISCARD)
     one.slave.setContinuousStates(buffer(), N)
     assert np.isfinite(derivatives(one)).all()
+
+
+@both
+def test_states_that_start_infinite_are_discarded(plant: MakePlant, fmi: int) -> None:
+    one = started(plant, fmi, r0=5e-324, speed=20.0)
+    refused(one, lambda: states(one), r"continuous state \d: got inf at 0 s, expected a finite", DISCARD)

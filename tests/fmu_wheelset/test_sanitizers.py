@@ -35,8 +35,8 @@ def sources(tmp_path: Path) -> list[str]:
     constants += [f"#define {name.upper()} {REFERENCES[name]}" for name in NAMES]
     (tmp_path / "driver_references.h").write_text("\n".join(constants) + "\n")
     files = [str(build.SOURCES / name) for name in build.read_sources() if name.endswith(".c")]
-    driver = str(Path(__file__).with_name("driver.c"))
-    return [f"-I{tmp_path}", "-isystem", str(build.fmi_headers()), driver, *files]
+    drivers = [str(Path(__file__).with_name(name)) for name in ("driver.c", "fuzz.c")]
+    return [f"-I{tmp_path}", "-isystem", str(build.fmi_headers()), *drivers, *files]
 
 
 def finishes(program: Path, **environment: str) -> None:
