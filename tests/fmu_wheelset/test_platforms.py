@@ -6,6 +6,7 @@ because the compiler makes its Windows libraries then.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import struct
@@ -171,6 +172,14 @@ def test_release_holds_every_platform_in_one_archive(released: dict[int, Path]) 
 def test_release_is_reproducible(released: dict[int, Path], tmp_path: Path) -> None:
     again = build.build(tmp_path / "elsewhere", list(TARGETS.values()))
     assert [path.read_bytes() for path in again] == [released[2].read_bytes(), released[3].read_bytes()]
+
+
+@release
+def test_docs_list_the_hashes_of_the_release(released: dict[int, Path]) -> None:
+    page = (build.PACKAGE.parent / "docs" / "fmu.md").read_text(encoding="utf-8")
+    for archive in released.values():
+        line = f"{hashlib.sha256(archive.read_bytes()).hexdigest()}  {archive.name}"
+        assert line in page, f"docs/fmu.md: expected the line {line}; put it there"
 
 
 @release
