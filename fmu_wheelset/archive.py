@@ -17,14 +17,16 @@ ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 
 
 def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
-    """Write a zip file with sorted names and fixed dates; the old one stays if this fails."""
+    """Write a zip file with sorted names and fixed dates; the old one stays if this fails.
+
+    Files are stored as they are: what a compressor makes of them depends on its version.
+    """
     handle, name = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
     temporary = Path(name)
     try:
-        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w") as archive:
             for member in sorted(files):
                 info = zipfile.ZipInfo(member, ZIP_DATE)
-                info.compress_type = zipfile.ZIP_DEFLATED
                 info.create_system = 3
                 info.external_attr = 0o644 << 16
                 archive.writestr(info, files[member])
