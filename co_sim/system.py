@@ -20,7 +20,7 @@ from co_sim.errors import Fault, InputError, suggestion
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from co_sim.component import Component, Port
+    from co_sim.component import Component, Kind, Port
 
 __all__ = ["Connection", "Signal", "System"]
 
@@ -38,11 +38,12 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """An output of the system: its full name ``"component.port"``, unit and description."""
+    """An output of the system: its full name ``"component.port"``, unit, description and kind."""
 
     name: str
     unit: str
     description: str = ""
+    kind: Kind = "float64"
 
     @property
     def component(self) -> str:

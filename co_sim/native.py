@@ -1,0 +1,120 @@
+"""Steps as machine code: the contract, and components that keep it.
+
+The master's compiled loop knows one kind of step, a C function ::
+
+    int32_t step(double t, double h, const double *u, double *y, void *data);
+
+that advances from `t` to ``t + h`` (s) with the inputs `u`, writes the outputs at ``t + h`` into `y` and
+returns 0, or another number that the component's `failure` can explain. `data` is the component's own.
+Whoever can give the address of such a function takes part without the interpreter: an FMU through the
+functions of `co_sim.fmi`, a function compiled by numba through `co_sim.compiled`, a library of
+the user's own through ctypes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from co_sim.component import Component
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from co_sim.component import Vector
+
+__all__ = [
+    "STEP",
+    "NativeComponent",
+    "NativeStep",
+    "caller",
+    "doubles_at",
+    "integers_at",
+]
+
+#: The step as numba sees it; pointers are integers there.
+STEP = types.int32(types.float64, types.float64, types.intp, types.intp, types.intp)
+_STEP_C = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
+)
+
+
+class NativeStep(NamedTuple):
+    """Addresses of a step function and of its `data`; both stay valid until the component is closed."""
+
+    address: int
+    data: int
+
+
+class NativeComponent(Component):
+    """A component whose step is machine code; the interpreter calls the same code.
+
+    A subclass has its `NativeStep` ready when `start` returns.
+    """
+
+    _step: Callable[..., int] | None = None
+
+    @abstractmethod
+    def native(self) -> NativeStep:
+        """Return the addresses of the step."""
+
+    def failure(self, status: int) -> Exception:
+        """Return the error that tells what the status of a step means, with the component's own words."""
+        return RuntimeError(f"its step returned the status {status}")
+
+    def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
+        """Advance by the machine code."""
+        address, data = self.native()
+        status = _STEP_C(address)(t, h, u.ctypes.data, y.ctypes.data, data)
+        if status:
+            raise self.failure(status)
+
+
+def caller(signature: Any) -> Any:
+    """Return a function ``call(address, arguments)`` for compiled code that calls a C function.
+
+    The address is an integer, so that code that uses it can be cached for other processes; the
+    arguments are a tuple.
+
+    Parameters
+    ----------
+    signature : of the C function, such as ``types.int32(types.intp, types.float64)``.
+    """
+
+    @intrinsic
+    def call(typing_context: Any, address: Any, arguments: Any) -> Any:
+        def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
+            c_type = ir.FunctionType(
+                context.get_value_type(signature.return_type),
+                [context.get_value_type(argument) for argument in signature.args],
+            )
+            function = builder.inttoptr(values[0], c_type.as_pointer())
+            return builder.call(function, cgutils.unpack_tuple(builder, values[1], len(signature.args)))
+
+        return signature.return_type(types.intp, types.Tuple(signature.args)), generate
+
+    return call
+
+
+def _pointer_to(element: Any) -> Any:
+    pointer = types.CPointer(element)
+
+    @intrinsic
+    def at(typing_context: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
+            return builder.inttoptr(values[0], context.get_value_type(pointer))
+
+        return pointer(types.intp), generate
+
+    return at
+
+
+#: For compiled code, with `numba.carray`: the float64 or the int64 values at an address.
+doubles_at = _pointer_to(types.float64)
+integers_at = _pointer_to(types.int64)

@@ -1,0 +1,27 @@
+"""Texts as numbers, so that they travel among the other values of a system.
+
+Equal texts have equal numbers in one process. The numbers of another process differ: what is written to
+disk must hold the texts.
+"""
+
+from __future__ import annotations
+
+__all__ = ["number_of", "text_of"]
+
+#: The empty text is 0, so that a value that nobody has written yet is a text too.
+_TEXTS = [""]
+_NUMBERS = {"": 0}
+
+
+def number_of(text: str) -> float:
+    """Return the number that stands for `text`."""
+    number = _NUMBERS.get(text)
+    if number is None:
+        number = _NUMBERS[text] = len(_TEXTS)
+        _TEXTS.append(text)
+    return float(number)
+
+
+def text_of(number: float) -> str:
+    """Return the text that `number` stands for."""
+    return _TEXTS[int(number)]
