@@ -2,7 +2,7 @@
 
 The life of a component, in this order::
 
-    start(t0, h) -> exchange(u, y)* -> step(t, h, u, y)* -> close()
+    start(t0, h) -> exchange(u, y)* -> enter_steps() -> step(t, h, u, y)* -> close()
 
 `exchange` is called during initialisation only, as often as the master needs to settle the values
 that components pass to each other at ``t0``; the same `u` must give the same `y` each time. `close` is
@@ -157,6 +157,9 @@ class Component(ABC):
     def exchange(self, u: Vector, y: Vector) -> None:
         """Write the outputs at ``t0`` into `y`, given the inputs `u` at ``t0``."""
 
+    def enter_steps(self) -> None:  # noqa: B027 - most components need no transition
+        """Learn that the initial values are settled; called once, before the first step."""
+
     @abstractmethod
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Advance from `t` to ``t + h`` with `u` held; write the outputs at ``t + h`` into `y`."""
@@ -195,6 +198,7 @@ class FunctionComponent(Component):
     """A component without memory: ``y(t) = function(t, u)``.
 
     `function` returns one value per output element. Its output at ``t + h`` uses the inputs held from ``t``.
+    Without `feedthrough` every output is taken to depend on every input.
     """
 
     def __init__(
@@ -203,9 +207,11 @@ class FunctionComponent(Component):
         *,
         inputs: Sequence[Port] = (),
         outputs: Sequence[Port],
+        feedthrough: Mapping[str, Iterable[str]] | None = None,
     ) -> None:
         every = [port.name for port in inputs]
-        super().__init__(inputs, outputs, {port.name: every for port in outputs})
+        at_once = {port.name: every for port in outputs} if feedthrough is None else feedthrough
+        super().__init__(inputs, outputs, at_once)
         self._function = function
         self._t0 = 0.0
 

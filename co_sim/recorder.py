@@ -34,8 +34,8 @@ class Observer(Protocol):
     def begin(self, signals: tuple[Signal, ...], t0: float, h: float, n_steps: int) -> None:
         """Prepare for `n_steps` of `h` from `t0` (s); an exception prevents the run."""
 
-    def observe(self, k: int, t: float, bus: Vector) -> None:
-        """See the signals at `t` after `k` steps, 0 first; `bus` is read-only and changes after the call."""
+    def observe(self, k: int, time: Vector, values: NDArray[np.float64]) -> None:
+        """See the signals of steps `k`, `k` + 1, ...; `values` is read-only and changes after the call."""
 
     def end(self, error: BaseException | None) -> None:
         """Learn that the run is over, and what stopped it if it is not complete."""
@@ -96,13 +96,13 @@ class Recorder:
         self._table = np.empty((n_rows, len(chosen)))
         self._rows = 0
 
-    def observe(self, k: int, t: float, bus: Vector) -> None:
+    def observe(self, k: int, time: Vector, values: NDArray[np.float64]) -> None:
         """Record the start and every so many steps."""
-        if k % self._every == 0:
-            i = self._rows
-            self._time[i] = t
-            bus.take(self._columns, out=self._table[i], mode="clip")
-            self._rows = i + 1
+        first = -k % self._every
+        rows = slice(self._rows, self._rows + len(time[first :: self._every]))
+        self._time[rows] = time[first :: self._every]
+        self._table[rows] = values[first :: self._every, self._columns]
+        self._rows = rows.stop
 
     def end(self, error: BaseException | None) -> None:
         """Keep what has been recorded, whatever ended the run."""
