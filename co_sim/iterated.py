@@ -41,12 +41,12 @@ class _Iteration:
     def next_guess(self, result: Vector, residual: Vector, scale: Vector) -> Vector:
         """Return what to try next."""
         self.results.append(result)
-        self.residuals.append(residual / scale)
+        self.residuals.append(residual)
         if len(self.results) == 1:
             return result
-        V = np.diff(np.array(self.residuals), axis=0).T
+        V = np.diff(np.array(self.residuals), axis=0).T / scale[:, np.newaxis]
         W = np.diff(np.array(self.results), axis=0).T
-        c, *_ = np.linalg.lstsq(V, -self.residuals[-1], rcond=1e-12)
+        c, *_ = np.linalg.lstsq(V, -residual / scale, rcond=1e-12)
         guess: Vector = result + W @ c
         return guess
 

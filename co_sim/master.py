@@ -63,6 +63,7 @@ class Master:
     t0 : start time, s.
     h : communication step, s, instead of the system's own.
     observers : see the signals of each `run`, in this order; a `step` of its own is not observed.
+    quiet : do not warn of signals that still grow at the end of a run.
     compiled : make steps without the interpreter; ``False`` makes the same steps in Python, for debugging.
 
     Raises
@@ -79,6 +80,7 @@ class Master:
         observers: Sequence[Observer] = (),
         *,
         compiled: bool = True,
+        quiet: bool = False,
     ) -> None:
         if h is not None:
             system = replace(system, step=h)
@@ -92,6 +94,7 @@ class Master:
         self.observers = tuple(observers)
         self.signals = system.signals
         self._compiled = compiled
+        self._quiet = quiet
         self._layout = lay_out(system)
         self._row: int = self._layout.history
         self._rows = np.zeros((self._row + 2, len(self.signals)))
@@ -186,7 +189,7 @@ class Master:
                 ends.push(_ending(observer))
             self.start()
             growth = self._observed(count)
-        if growth:
+        if growth and not self._quiet:
             warnings.warn(f"{growth}; {advice(self.system.coupling, self.h)}", CouplingWarning, stacklevel=2)
 
     def save(self) -> Snapshot:
@@ -293,7 +296,7 @@ class Master:
                 raise RunError(name, time=self.t0 + step * self.h, step=step, reason=reason)
             elapsed = time.perf_counter() - started
             block = max(min(int(block * min(_BLOCK_TIME / max(elapsed, 1e-9), 4.0)), _LONGEST_BLOCK), 1)
-        return watch.unfinished(self.time)
+        return watch.unfinished()
 
     def _advance_and_show(self, n: int, begin: int) -> None:
         """Make `n` steps and show those that were complete."""

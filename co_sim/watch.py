@@ -62,6 +62,7 @@ class _Level:
 
     n: int
     filled: int = 0
+    time: float = 0.0
     peak: Vector = field(init=False)
     last: Vector = field(init=False)
     base: Vector = field(init=False)
@@ -78,7 +79,7 @@ class _Level:
         self.base = np.where(growing, self.base, self.peak)
         self.base_time = np.where(growing, self.base_time, time)
         self.length = np.where(growing, self.length + 1, 0)
-        self.last, self.peak, self.filled = self.peak, np.zeros(self.n), 0
+        self.last, self.peak, self.filled, self.time = self.peak, np.zeros(self.n), 0, time
 
 
 class Watch:
@@ -121,7 +122,7 @@ class Watch:
         for level, above in zip(self._levels, [*self._levels[1:], None], strict=True):
             peak = level.peak
             level.close(time)
-            growth = self._worst(level, time, self._divergence)
+            growth = self._worst(level, self._divergence)
             if growth and growth.value > self._divergence:
                 return growth
             if above is None:
@@ -132,7 +133,7 @@ class Watch:
                 return None
         return None
 
-    def _worst(self, level: _Level, time: float, least: float) -> Growth | None:
+    def _worst(self, level: _Level, least: float) -> Growth | None:
         """Return the signal that has grown most, if by more than `least`."""
         with np.errstate(divide="ignore", invalid="ignore"):
             factor = np.where((level.length >= _LONG) & (level.base > 0.0), level.last / level.base, 0.0)
@@ -141,13 +142,15 @@ class Watch:
             return None
         column = int(self._columns[i])
         name = self._signals[column].name
-        return Growth(column, name, float(level.base_time[i]), time, float(factor[i]), float(level.last[i]))
+        return Growth(
+            column, name, float(level.base_time[i]), level.time, float(factor[i]), float(level.last[i])
+        )
 
-    def unfinished(self, time: float) -> Growth | None:
-        """Return what had been growing remarkably, and still was when the run ended at `time`."""
+    def unfinished(self) -> Growth | None:
+        """Return what had been growing remarkably, and still was at the end of the run."""
         if self._idle:
             return None
-        found = [self._worst(level, time, _REMARKABLE) for level in self._levels]
+        found = [self._worst(level, _REMARKABLE) for level in self._levels]
         return max((g for g in found if g), key=lambda g: g.factor, default=None)
 
 
