@@ -98,8 +98,8 @@ class CouplingCheck:
             return f"The coupling is unstable at a step of {self.step:g} s: {why}{remedy}."
         if self.verdict == "not converging":
             return (
-                f"The results do not converge: {worst.name} differs by {worst.relative:.3g} of its range and a "
-                "smaller step does not bring the runs together; look for jumps, or for a component that "
+                f"The results do not converge: {worst.name} differs by {worst.relative:.3g} of its range "
+                "and a smaller step does not bring the runs together; look for jumps, or for a component that "
                 "depends on the step."
             )
         found = (
@@ -123,7 +123,7 @@ def _number(order: float) -> str:
 
 
 def refined(system: System, factor: int) -> System:
-    """Return an independent copy of a system with its step divided; a rate of its own keeps its sample time."""
+    """Return an independent copy of a system with its step divided; rates keep their sample time."""
     components = {name: copy.deepcopy(component) for name, component in system.components.items()}
     rates = {name: rate * factor for name, rate in system.rates.items()}
     return replace(system, components=components, step=system.step / factor, rates=rates)
