@@ -6,9 +6,9 @@ process, also where that is cached: who only imports the package need not wait f
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from numba import carray, cfunc, njit  # type: ignore[attr-defined]
+from numba import carray, cfunc, njit, uintp  # type: ignore[attr-defined]
 
 from co_sim.array_functions import RAISED, call_array_step, compiled
 from co_sim.native import STEP, doubles_at, integers_at
@@ -80,36 +80,47 @@ def table_step(t: float, h: float, u: int, y: int, data: int) -> int:
 
 
 @njit(error_model="numpy")
-def _dot(p: Vector, start: int, vector: Vector) -> float:
+def _dot(p: Vector, start: Any, vector: Vector, size: Any) -> float:
+    # Sizes are unsigned: numba would ask of each index whether it counts from the end.
     total = 0.0
-    for j in range(vector.size):
+    for j in range(uintp(size)):
         total += p[start + j] * vector[j]
     return total
+
+
+@njit(error_model="numpy")
+def _used(u: Vector) -> int:
+    """Return how many of the inputs count: a third where all derivatives are zero, else all."""
+    values = u.size // 3
+    for j in range(values, u.size):
+        if u[j] != 0.0:
+            return u.size
+    return values
 
 
 @compiled
 def linear_step(t: float, h: float, u: Vector, y: Vector, x: Vector, p: Vector) -> int:
     """``x := Phi x + Gamma u``, ``y := C x + E u``; p holds the four row by row, then room for x."""
-    n, m = x.size, u.size
+    n, m, n_y, used = uintp(x.size), uintp(u.size), uintp(y.size), _used(u)
     gamma = n * n
     c = gamma + n * m
-    e = c + y.size * n
-    room = e + y.size * m
+    e = c + n_y * n
+    room = e + n_y * m
     for i in range(n):
-        p[room + i] = _dot(p, i * n, x) + _dot(p, gamma + i * m, u)
+        p[room + i] = _dot(p, i * n, x, n) + _dot(p, gamma + i * m, u, used)
     for i in range(n):
         x[i] = p[room + i]
-    for i in range(y.size):
-        y[i] = _dot(p, c + i * n, x) + _dot(p, e + i * m, u)
+    for i in range(n_y):
+        y[i] = _dot(p, c + i * n, x, n) + _dot(p, e + i * m, u, used)
     return 0
 
 
 @compiled
 def linear_exchange(t: float, u: Vector, y: Vector, x: Vector, p: Vector) -> int:
     """``y := C x + D u``; D is the first third of each row of E."""
-    n, m = x.size, 3 * u.size
+    n, m, n_y = uintp(x.size), uintp(3 * u.size), uintp(y.size)
     c = n * n + n * m
-    e = c + y.size * n
-    for i in range(y.size):
-        y[i] = _dot(p, c + i * n, x) + _dot(p, e + i * m, u)
+    e = c + n_y * n
+    for i in range(n_y):
+        y[i] = _dot(p, c + i * n, x, n) + _dot(p, e + i * m, u, u.size)
     return 0
