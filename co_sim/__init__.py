@@ -1,24 +1,30 @@
 """A master for fixed-step co-simulation of FMUs and components written in Python."""
 
+from co_sim.compiled import CompiledComponent, compiled
 from co_sim.component import Component, FunctionComponent, Port
 from co_sim.coupling import Coupling
+from co_sim.coupling_check import CouplingCheck, check_coupling
 from co_sim.errors import Fault, InputError, RunError
 from co_sim.fmu import FmuComponent
+from co_sim.linear import LinearComponent
 from co_sim.master import CouplingWarning, Master
 from co_sim.recorder import Observer, Record, Recorder, write_runs_csv
 from co_sim.signals import Constant, TimeTable
 from co_sim.system import Connection, Signal, System
 
 __all__ = [
+    "CompiledComponent",
     "Component",
     "Connection",
     "Constant",
     "Coupling",
+    "CouplingCheck",
     "CouplingWarning",
     "Fault",
     "FmuComponent",
     "FunctionComponent",
     "InputError",
+    "LinearComponent",
     "Master",
     "Observer",
     "Port",
@@ -28,5 +34,7 @@ __all__ = [
     "Signal",
     "System",
     "TimeTable",
+    "check_coupling",
+    "compiled",
     "write_runs_csv",
 ]

@@ -99,8 +99,8 @@ class CouplingCheck:
         if self.verdict == "not converging":
             return (
                 f"The results do not converge: {worst.name} differs by {worst.relative:.3g} of its range "
-                "and a smaller step does not bring the runs together; look for jumps, or for a component that "
-                "depends on the step."
+                "and a smaller step does not bring the runs together; look for jumps, or for a component "
+                "that depends on the step."
             )
         found = (
             f"{worst.name} is off by about {worst.error:.3g} {worst.unit} ({worst.relative:.2%} of its range)"

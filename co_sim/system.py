@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from co_sim.coupling import Coupling
 from co_sim.dependencies import algebraic_loops
 from co_sim.errors import Fault, InputError, suggestion
-from co_sim.units import conversion
+from co_sim.units import UnknownUnitError, conversion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -308,18 +308,25 @@ def _mismatches(connection: Connection, source: _End, target: _End) -> Iterator[
             "types that lose nothing",
             "convert in a component between them",
         )
-    elif conversion(source.port.unit, target.port.unit) is None:
-        yield Fault(
-            what,
-            f'"{canonical_unit(source.port.unit)}" into "{canonical_unit(target.port.unit)}"',
-            "units of the same dimension at both ends",
-            "correct the unit of a port, or convert in a component between them",
-        )
+    else:
+        yield from _unit_faults(what, source.port.unit, target.port.unit)
     if not (math.isfinite(connection.gain) and math.isfinite(connection.offset)):
         got = f"gain {connection.gain}, offset {connection.offset}"
         yield Fault(what, got, "finite numbers", "correct them")
     elif (connection.gain, connection.offset) != (1.0, 0.0) and target.port.kind not in _FLOATS:
         yield Fault(what, f"a gain or offset into {target.port.kind}", "a floating-point input", "remove it")
+
+
+def _unit_faults(what: str, source: str, target: str) -> Iterator[Fault]:
+    got = f'"{canonical_unit(source)}" into "{canonical_unit(target)}"'
+    expected = "units of the same dimension at both ends"
+    try:
+        factor = conversion(source, target)
+    except UnknownUnitError as error:
+        yield Fault(what, f"{got}, where {error}", expected, "write a unit as FMI does, such as m/s2")
+        return
+    if factor is None:
+        yield Fault(what, got, expected, "correct the unit of a port, or convert in a component between them")
 
 
 def _shape(end: _End) -> str:
