@@ -7,6 +7,7 @@ from co_sim.coupling_check import CouplingCheck, check_coupling
 from co_sim.errors import Fault, InputError, RunError
 from co_sim.fmu import FmuComponent
 from co_sim.linear import LinearComponent
+from co_sim.linearize import Linearization, linearize
 from co_sim.master import CouplingWarning, Master
 from co_sim.recorder import Observer, Record, Recorder, write_runs_csv
 from co_sim.signals import Constant, TimeTable
@@ -25,6 +26,7 @@ __all__ = [
     "FunctionComponent",
     "InputError",
     "LinearComponent",
+    "Linearization",
     "Master",
     "Observer",
     "Port",
@@ -36,5 +38,6 @@ __all__ = [
     "TimeTable",
     "check_coupling",
     "compiled",
+    "linearize",
     "write_runs_csv",
 ]
