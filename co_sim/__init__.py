@@ -4,7 +4,19 @@ from co_sim.component import Component, FunctionComponent, Port
 from co_sim.errors import Fault, InputError, RunError
 from co_sim.fmu import FmuComponent
 from co_sim.master import Master
-from co_sim.recorder import Observer, Record, Recorder, write_runs_csv
+from co_sim.observers import (
+    CsvWriter,
+    Live,
+    MatWriter,
+    Observer,
+    Overruns,
+    Pace,
+    ParquetWriter,
+    Progress,
+    Record,
+    Recorder,
+    write_runs_csv,
+)
 from co_sim.signals import Constant, TimeTable
 from co_sim.system import Connection, Signal, System
 
@@ -12,13 +24,20 @@ __all__ = [
     "Component",
     "Connection",
     "Constant",
+    "CsvWriter",
     "Fault",
     "FmuComponent",
     "FunctionComponent",
     "InputError",
+    "Live",
     "Master",
+    "MatWriter",
     "Observer",
+    "Overruns",
+    "Pace",
+    "ParquetWriter",
     "Port",
+    "Progress",
     "Record",
     "Recorder",
     "RunError",
