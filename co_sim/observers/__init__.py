@@ -7,7 +7,7 @@ from co_sim.observers.memory import Record, Recorder
 from co_sim.observers.pace import Overruns, Pace
 from co_sim.observers.parquet_file import ParquetWriter
 from co_sim.observers.progress import Progress
-from co_sim.observers.protocol import Observer, largest_block
+from co_sim.observers.protocol import Observer
 from co_sim.observers.selection import Selection, Window
 
 __all__ = [
@@ -23,6 +23,5 @@ __all__ = [
     "Recorder",
     "Selection",
     "Window",
-    "largest_block",
     "write_runs_csv",
 ]

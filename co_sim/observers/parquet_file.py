@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from co_sim.errors import InputError
+from co_sim.errors import InputError, suggestion
 from co_sim.observers.file_writer import FileWriter
 from co_sim.observers.kinds import typed
 
@@ -25,6 +25,8 @@ __all__ = ["ParquetWriter"]
 
 #: Values in a row group: 8 MB, large enough for a reader to be fast, small enough to wait in memory.
 _GROUP_VALUES = 2**20
+
+_COMPRESSIONS = ("brotli", "gzip", "lz4", "none", "snappy", "zstd")
 
 #: The kinds that Arrow calls otherwise.
 _ARROW_TYPES = {"float64": "double", "float32": "float", "boolean": "bool", "enumeration": "int64"}
@@ -62,12 +64,12 @@ class ParquetWriter(FileWriter):
     ) -> None:
         super().__init__(path, patterns, every)
         self._pyarrow = _pyarrow()
-        if compression != "none" and not self._pyarrow.Codec.is_available(compression):
+        if compression not in _COMPRESSIONS:
             raise InputError(
                 "compression",
                 got=f'"{compression}"',
-                expected='"zstd", "snappy", "gzip", "lz4", "brotli" or "none"',
-                remedy='use "zstd"',
+                expected="a compression of Parquet files",
+                remedy=suggestion(compression, _COMPRESSIONS),
             )
         self._compression = compression
         self._writer: Any = None

@@ -5,23 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     import numpy as np
     from numpy.typing import NDArray
 
     from co_sim.component import Vector
     from co_sim.system import Signal
 
-__all__ = ["Observer", "largest_block"]
+__all__ = ["Observer"]
 
 
 class Observer(Protocol):
     """Sees the signals of a run in blocks of consecutive rows, one row for each communication point.
 
     How a run is cut into blocks says nothing about it: an observer must not depend on it. One that has to
-    see the values soon after they are computed says how many rows a block may have in an attribute
-    ``max_block: int | None``; see `largest_block`.
+    see the values soon after they are computed has an attribute ``max_block: int | None``, the most rows
+    that a block may have for it; the smallest of all observers counts.
     """
 
     def begin(self, signals: tuple[Signal, ...], t0: float, h: float, n_steps: int) -> None:
@@ -39,9 +37,3 @@ class Observer(Protocol):
 
     def end(self, error: BaseException | None) -> None:
         """Learn that the run is over, and what stopped it if it is not complete."""
-
-
-def largest_block(observers: Iterable[Observer]) -> int | None:
-    """Return the most rows that a block may have for all of `observers`; ``None`` if none of them cares."""
-    limits = (getattr(observer, "max_block", None) for observer in observers)
-    return min((limit for limit in limits if limit is not None), default=None)

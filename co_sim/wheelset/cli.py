@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import click
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -21,7 +20,6 @@ from co_sim.errors import InputError, RunError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
     from rich.progress import Progress
 
     from co_sim.component import Vector
@@ -124,18 +122,14 @@ class _ProgressBar:
         self._bar = bar
         self._task = bar.add_task("Co-simulation", total=steps)
         self._every = max(steps // 200, 1)
-        self._shown = 0
 
     def begin(self, signals: Sequence[Signal], t0: float, h: float, n_steps: int) -> None:
-        """Count from the start of this run; the bar spans all runs."""
-        self._shown = 0
+        """Nothing to prepare: the bar spans all runs."""
 
-    def observe(self, k: int, time: Vector, values: NDArray[np.float64]) -> None:
+    def observe(self, k: int, t: float, bus: Vector) -> None:
         """Move on, now and then."""
-        done = k + np.size(time) - 1
-        if done - self._shown >= self._every:
-            self._bar.advance(self._task, done - self._shown)
-            self._shown = done
+        if k % self._every == 0 and k > 0:
+            self._bar.advance(self._task, self._every)
 
     def end(self, error: BaseException | None) -> None:
         """Leave the bar where it is for the next run."""
