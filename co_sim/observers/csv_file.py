@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
 from co_sim.errors import InputError
 from co_sim.files import whole_file
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Mapping, Sequence
     from pathlib import Path
+    from typing import TextIO
 
     import numpy as np
     from numpy.typing import NDArray
@@ -45,6 +46,8 @@ class CsvWriter(FileWriter):
         folder of `path` does not exist.
     """
 
+    _file: TextIO
+
     def __init__(
         self,
         path: str | os.PathLike[str],
@@ -57,7 +60,6 @@ class CsvWriter(FileWriter):
         check_digits(digits)
         self._digits = digits
         self._rows = CsvRows((), digits)
-        self._file: TextIO | None = None
 
     def _open(self, path: Path, window: Window, n_steps: int) -> None:
         self._rows = CsvRows([signal.kind for signal in window.signals], self._digits)
@@ -65,13 +67,10 @@ class CsvWriter(FileWriter):
         self._file.write(csv_line(["time [s]", *titles(window.signals)]))
 
     def _write(self, time: Vector, table: NDArray[np.float64]) -> None:
-        if self._file is not None:
-            self._file.writelines(self._rows.lines(time, table))
+        self._file.writelines(self._rows.lines(time, table))
 
     def _close(self, error: BaseException | None) -> None:
-        file, self._file = self._file, None
-        if file is not None:
-            file.close()
+        self._file.close()
 
 
 def write_runs_csv(

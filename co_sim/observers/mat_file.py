@@ -10,6 +10,7 @@ import numpy as np
 from co_sim.errors import InputError
 from co_sim.observers.file_writer import FileWriter
 from co_sim.observers.kinds import typed
+from co_sim.observers.memory import room
 
 if TYPE_CHECKING:
     import os
@@ -84,8 +85,8 @@ class MatWriter(FileWriter):
     def _open(self, path: Path, window: Window, n_steps: int) -> None:
         n_rows = window.n_rows(n_steps)
         self._check_size(n_rows, window.signals)
-        self._time = np.empty(n_rows)
-        self._columns = np.empty((len(window.signals), n_rows))
+        self._time = room(f"{self.path}", (n_rows,))
+        self._columns = room(f"{self.path}", (len(window.signals), n_rows))
         self._rows = 0
 
     def _write(self, time: Vector, table: NDArray[np.float64]) -> None:

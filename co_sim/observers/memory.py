@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import prod
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from co_sim.component import Kind, Vector
     from co_sim.system import Signal
 
-__all__ = ["Record", "Recorder", "titles"]
+__all__ = ["Record", "Recorder", "room", "titles"]
 
 
 class Record(Protocol):
@@ -67,7 +68,7 @@ class Recorder:
         """Choose the signals and make room for the whole run."""
         window = self._selection.window(signals)
         n_rows = window.n_rows(n_steps)
-        time, table = _room(n_rows, len(window.signals))
+        time, table = room("recorder", (n_rows,)), room("recorder", (n_rows, len(window.signals)))
         self._window, self._time, self._table, self._rows = window, time, table, 0
 
     def observe(self, k: int, time: Vector, values: NDArray[np.float64]) -> None:
@@ -164,14 +165,14 @@ def titles(signals: Sequence[Signal]) -> list[str]:
     return [f"{signal.name} [{signal.unit}]" for signal in signals]
 
 
-def _room(n_rows: int, n_signals: int) -> tuple[Vector, NDArray[np.float64]]:
-    """Return room for times and signals."""
+def room(what: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return room for values; raise an `InputError` for `what` if there is none."""
     try:
-        return np.empty(n_rows), np.empty((n_rows, n_signals))
+        return np.empty(shape)
     except (MemoryError, ValueError) as error:
         raise InputError(
-            "recorder",
-            got=f"{n_rows} rows of {n_signals} signals, {8e-9 * n_rows * (n_signals + 1):.3g} GB",
+            what,
+            got=f"{' x '.join(map(str, shape))} values, {8e-9 * prod(shape):.3g} GB",
             expected="a record that fits in memory",
-            remedy="record fewer signals or every so many steps, or write to a file with CsvWriter",
+            remedy="record fewer signals or every so many steps, or use CsvWriter or ParquetWriter",
         ) from error

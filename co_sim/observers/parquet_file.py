@@ -8,7 +8,7 @@ import numpy as np
 
 from co_sim.errors import InputError, suggestion
 from co_sim.observers.file_writer import FileWriter
-from co_sim.observers.kinds import typed
+from co_sim.observers.kinds import WholeNumbers, typed
 
 if TYPE_CHECKING:
     import os
@@ -74,6 +74,7 @@ class ParquetWriter(FileWriter):
         self._compression = compression
         self._writer: Any = None
         self._schema: Any = None
+        self._whole = WholeNumbers(())
         self._group = np.empty((0, 0))
         self._rows = 0
 
@@ -81,6 +82,7 @@ class ParquetWriter(FileWriter):
         from pyarrow.parquet import ParquetWriter as Writer
 
         self._schema = self._schema_of(window.signals)
+        self._whole = WholeNumbers(window.signals)
         n_columns = len(window.signals) + 1
         # Column by column, as Arrow takes them.
         n_rows = min(max(_GROUP_VALUES // n_columns, 1), window.n_rows(n_steps))
@@ -89,6 +91,8 @@ class ParquetWriter(FileWriter):
         self._writer = Writer(path, self._schema, compression=self._compression)
 
     def _write(self, time: Vector, table: NDArray[np.float64]) -> None:
+        # Here, not when a group is full: an error then would lose the good rows before it.
+        self._whole.check(table)
         room = self._group.shape[1]
         done = 0
         while done < len(time):
@@ -110,16 +114,12 @@ class ParquetWriter(FileWriter):
         self._writer.write_table(self._pyarrow.Table.from_arrays(arrays, schema=self._schema))
 
     def _close(self, error: BaseException | None) -> None:
-        writer, self._writer = self._writer, None
-        if writer is None:
-            return
-        with writer:
-            self._writer = writer
+        with self._writer:
             if self._rows:
                 self._flush()
             if error is not None:
-                writer.add_key_value_metadata({"stopped": f"{error}"})
-        self._writer = None
+                self._writer.add_key_value_metadata({"stopped": f"{error}"})
+        self._group = np.empty((0, 0))
 
     def _schema_of(self, signals: Sequence[Signal]) -> Any:
         field = self._pyarrow.field

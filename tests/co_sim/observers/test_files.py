@@ -271,9 +271,19 @@ def test_parquet_of_a_failed_run_has_the_reason(drive, tmp_path):
     assert metadata[b"stopped"] == b"it broke"
 
 
-def test_parquet_does_not_round_a_whole_number(drive, tmp_path):
-    with pytest.raises(ValueError, match="is no value of kind int32"):
-        drive([ParquetWriter(tmp_path / "run.parquet", "*.count")], SIGNALS, np.full((2, 5), 0.5))
+@pytest.mark.parametrize(
+    ("column", "value"), [(2, 0.5), (2, 2.0**31), (2, -(2.0**31) - 1), (2, np.nan), (3, 2.0), (3, np.inf)]
+)
+def test_parquet_does_not_round_a_whole_number_and_keeps_the_rows_before(tmp_path, column, value):
+    writer, values = ParquetWriter(tmp_path / "run.parquet"), table(3)
+    writer.begin(tuple(SIGNALS), 0.0, 1.0, 2)
+    writer.observe(0, np.arange(2.0), values[:2])
+    values[2, column] = value
+    with pytest.raises(ValueError, match=rf"{SIGNALS[column].name} = .* is no value of kind") as caught:
+        writer.observe(2, np.array([2.0]), values[2:])
+    writer.end(caught.value)
+    assert read_parquet(writer.partial_path)["time"].tolist() == [0.0, 1.0]
+    assert "up to t = 1 s" in caught.value.__notes__[0]
 
 
 @pytest.mark.parametrize("compression", ["none", "zstd", "snappy", "gzip", "lz4", "brotli"])

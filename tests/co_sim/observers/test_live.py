@@ -173,3 +173,9 @@ def test_progress_is_silent_without_a_terminal(drive, capsys):
     drive([Progress(console=Console(file=io.StringIO())), Progress()], X, np.zeros((5, 1)))
     captured = capsys.readouterr()
     assert captured.out + captured.err == ""
+
+
+def test_progress_of_a_run_without_steps(drive):
+    console = terminal()
+    drive([Progress(console=console)], X, [[1.0]], t0=1.0)
+    assert "t = 1 of 1 s" in console.file.getvalue()
