@@ -104,16 +104,20 @@ def test_a_run_that_fails_keeps_what_it_has_computed_under_another_name(drive, t
     error = RunError("plant", time=3.0, step=6, reason="it broke")
     drive([exact(kind, path)], SIGNALS, table(7, seed=1), sizes=(3,), n_steps=100, error=error)
     assert path.read_bytes() == before
-    np.testing.assert_array_equal(READERS[kind](partial)["plant.x[1,2]"], table(7, seed=1)[:, 0])
+    read = READERS[kind](partial)
+    np.testing.assert_array_equal(read["time"], 0.5 * np.arange(7))
+    np.testing.assert_array_equal(read["plant.x[1,2]"], table(7, seed=1)[:, 0])
     assert error.__notes__ == [f"{partial} holds the values up to t = 3 s"]
     drive([exact(kind, path)], SIGNALS, table(4))
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
 def test_a_run_that_fails_before_its_first_row_leaves_no_file(drive, tmp_path, kind):
-    error = RuntimeError("no start")
-    drive([exact(kind, tmp_path / f"run.{kind}")], SIGNALS, table(0), n_steps=5, error=error)
-    assert list(tmp_path.iterdir()) == []
+    path, error = tmp_path / f"run.{kind}", RuntimeError("no start")
+    writer = exact(kind, path)
+    drive([writer], SIGNALS, table(2))
+    drive([writer], SIGNALS, table(0), n_steps=5, error=error)
+    assert list(tmp_path.iterdir()) == [path]
     assert not hasattr(error, "__notes__")
 
 
@@ -213,6 +217,8 @@ def test_mat_of_components_named_as_our_variables(drive, tmp_path):
     ]
     drive([MatWriter(tmp_path / "run.mat")], signals, [[1.0, 2.0, 3.0, 4.0]] * 2)
     read = read_mat(tmp_path / "run.mat")
+    assert read["time"].tolist() == [0.0, 0.5]
+    assert "end" not in loadmat(tmp_path / "run.mat")
     assert {name: values[0] for name, values in read.items() if name != "time"} == {
         "time.x": 1.0,
         "end.for": 2.0,

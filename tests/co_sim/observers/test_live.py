@@ -84,13 +84,19 @@ def test_a_sleep_that_ends_early_is_gone_on_with(drive):
     assert clock.now >= 1000.1
 
 
-def test_a_new_run_starts_its_own_clock(drive):
+def test_a_new_run_starts_its_own_clock_and_count(drive):
     clock = Clock()
     pace = Pace(clock=clock, sleep=clock.sleep)
-    for _ in range(2):
-        drive([pace], X, [[0.0]] * 3, h=0.1)
-        clock.now += 50.0
-    assert clock.now == pytest.approx(1100.4)
+
+    class Late(Pace):
+        def observe(self, k, time, values):
+            clock.now += 1.0
+
+    drive([Late(), pace], X, [[0.0]] * 3, h=0.1)
+    assert pace.overruns.count == 2
+    assert clock.now == pytest.approx(1003.0)
+    drive([pace], X, [[0.0]] * 3, h=0.1)
+    assert clock.now == pytest.approx(1003.2)
     assert pace.overruns == Overruns(steps=2)
 
 
@@ -148,7 +154,7 @@ def test_progress_shows_time_speed_and_end(drive):
 
         def end(self, error): ...
 
-    drive([progress, Computes()], X, np.zeros((41, 1)), t0=10.0, h=0.5, sizes=(1, 4))
+    drive([progress, Computes()], X, np.zeros((41, 1)), t0=10.0, h=0.5, sizes=(1, 3, 3))
     shown = console.file.getvalue()
     assert "t = 30 of 30 s" in shown
     assert "x real time" in shown
