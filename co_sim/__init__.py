@@ -9,7 +9,19 @@ from co_sim.fmu import FmuComponent
 from co_sim.linear import LinearComponent
 from co_sim.linearize import Linearization, linearize
 from co_sim.master import CouplingWarning, Master
-from co_sim.recorder import Observer, Record, Recorder, write_runs_csv
+from co_sim.observers import (
+    CsvWriter,
+    Live,
+    MatWriter,
+    Observer,
+    Overruns,
+    Pace,
+    ParquetWriter,
+    Progress,
+    Record,
+    Recorder,
+    write_runs_csv,
+)
 from co_sim.signals import Constant, TimeTable
 from co_sim.system import Connection, Signal, System
 
@@ -21,15 +33,22 @@ __all__ = [
     "Coupling",
     "CouplingCheck",
     "CouplingWarning",
+    "CsvWriter",
     "Fault",
     "FmuComponent",
     "FunctionComponent",
     "InputError",
     "LinearComponent",
     "Linearization",
+    "Live",
     "Master",
+    "MatWriter",
     "Observer",
+    "Overruns",
+    "Pace",
+    "ParquetWriter",
     "Port",
+    "Progress",
     "Record",
     "Recorder",
     "RunError",

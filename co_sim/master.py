@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from co_sim.component import Component, Vector
     from co_sim.layout import Part
     from co_sim.loops import Failure, Loop
-    from co_sim.recorder import Observer
+    from co_sim.observers import Observer
     from co_sim.system import System
     from co_sim.watch import Growth
 
