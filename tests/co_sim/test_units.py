@@ -142,7 +142,8 @@ def test_a_declared_unit_converts_by_its_factor_and_offset(factor, offset, value
     assert conversion("mine", "kg", mine) == (factor, offset)
     inverse, back = conversion("kg", "mine", mine)
     si = factor * value + offset
-    tolerance = 1e-14 * (abs(si) + abs(offset)) / factor + 1e-14 * abs(value)
+    # The least normal number beside it: below, floats have fewer digits.
+    tolerance = 1e-14 * ((abs(si) + abs(offset)) / factor + abs(value)) + sys.float_info.min
     np.testing.assert_allclose(inverse * si + back, value, rtol=0, atol=tolerance)
 
 
