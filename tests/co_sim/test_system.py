@@ -112,11 +112,13 @@ def test_without_a_close_name_the_choice_is_shown():
         ("rad", "rad", True),
         ("rad", "1", False),
         ("", "rad", False),
-        ("deg", "rad", False),
-        ("m", "mm", False),
+        ("deg", "rad", True),
+        ("m", "mm", True),
+        ("N.m", "kg.m2/s2", True),
+        ("N", "kg", False),
     ],
 )
-def test_units_must_be_equal_and_an_empty_one_is_1(source, target, fits):
+def test_units_must_be_of_one_dimension_and_an_empty_one_is_1(source, target, fits):
     parts = {"a": part(outputs=[Port("y", source)]), "b": part(inputs=[Port("u", target)])}
     assert (System(parts, [Connection("a.y", "b.u")]).faults() == []) is fits
 
