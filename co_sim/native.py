@@ -7,7 +7,7 @@ The master's compiled loop knows one kind of step, a C function ::
 that advances from `t` to ``t + h`` (s) with the inputs `u`, writes the outputs at ``t + h`` into `y` and
 returns 0, or another number that the component's `failure` can explain. `data` is the component's own.
 Whoever can give the address of such a function takes part without the interpreter: an FMU through the
-functions of `co_sim.fmi`, a function compiled by numba through `co_sim.compiled`, a library of
+functions of `co_sim.fmi`, a function compiled by numba through `co_sim.compiled_component`, a library of
 the user's own through ctypes.
 """
 
