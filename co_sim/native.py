@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import ctypes
 from abc import abstractmethod
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from llvmlite import ir
@@ -45,6 +46,11 @@ _STEP_C = ctypes.CFUNCTYPE(
 )
 
 
+@cache
+def _c_function(address: int) -> Callable[..., int]:
+    return _STEP_C(address)
+
+
 class NativeStep(NamedTuple):
     """Addresses of a step function and of its `data`; both stay valid until the component is closed."""
 
@@ -58,8 +64,6 @@ class NativeComponent(Component):
     A subclass has its `NativeStep` ready when `start` returns.
     """
 
-    _step: Callable[..., int] | None = None
-
     @abstractmethod
     def native(self) -> NativeStep:
         """Return the addresses of the step."""
@@ -71,7 +75,7 @@ class NativeComponent(Component):
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Advance by the machine code."""
         address, data = self.native()
-        status = _STEP_C(address)(t, h, u.ctypes.data, y.ctypes.data, data)
+        status = _c_function(address)(t, h, u.ctypes.data, y.ctypes.data, data)
         if status:
             raise self.failure(status)
 
