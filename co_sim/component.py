@@ -2,10 +2,11 @@
 
 The life of a component, in this order::
 
-    start(t0, h) -> exchange(u, y)* -> step(t, h, u, y)* -> close()
+    start(t0, h) -> exchange(u, y)* -> enter_steps() -> step(t, h, u, y)* -> close()
 
 `exchange` is called during initialisation only, as often as the master needs to settle the values
-that components pass to each other at ``t0``; the same `u` must give the same `y` each time. `close` is
+that components pass to each other at ``t0``; the same `u` must give the same `y` each time. `enter_steps`
+ends the initialisation: the inputs of the last `exchange` are those at ``t0``. `close` is
 called on every path, also after a failure, and may be called when `start` was not reached. Any
 exception raised by a component ends the run. A closed component can be started again, and a copy
 (`copy.deepcopy`) of one that is not started is independent of it: that is how one description runs
@@ -156,6 +157,9 @@ class Component(ABC):
     @abstractmethod
     def exchange(self, u: Vector, y: Vector) -> None:
         """Write the outputs at ``t0`` into `y`, given the inputs `u` at ``t0``."""
+
+    def enter_steps(self) -> None:  # noqa: B027 - most components need no transition
+        """End the initialisation; called once, before the first step."""
 
     @abstractmethod
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:

@@ -107,6 +107,11 @@ class Master:
                 except Exception as error:
                     raise self._failure(name, error) from error
             self._settle()
+            for name, component in self.system.components.items():
+                try:
+                    component.enter_steps()
+                except Exception as error:
+                    raise self._failure(name, error) from error
         self._started = True
 
     def step(self) -> None:
