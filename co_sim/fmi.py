@@ -403,13 +403,15 @@ def _complete(description: ModelDescription, path: Path) -> None:
         if element is not None:
             provided = element.get("providesDirectionalDerivatives") in {"true", "1"}
             interface.providesDirectionalDerivative = provided
-    starts = {
-        text.get("name"): [start.get("value", "") for start in text.findall("Start")]
-        for text in root.iterfind("ModelVariables/String")
-    }
+    elements = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
     for variable in description.modelVariables:
-        if variable.dimensions and variable.name in starts:
-            variable.start = starts[variable.name] or None
+        element = elements.get(variable.name)
+        if element is None:
+            continue
+        if variable.type.startswith("UInt"):
+            variable.min, variable.max = element.get("min"), element.get("max")
+        if variable.type == "String" and variable.dimensions:
+            variable.start = [start.get("value", "") for start in element.iterfind("Start")] or None
 
 
 def unpack(path: Path, folder: str) -> None:
