@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import carray, cfunc, njit, types  # type: ignore[attr-defined]
+from numba import cfunc, njit, types
 
 from co_sim import fmi_table as at
 from co_sim.native import STEP, caller, integers_at
 
-__all__ = ["do_step2", "do_step3", "ending", "failing", "step2", "step3", "transfer2", "transfer3"]
+__all__ = ["ENDING", "do_step2", "do_step3", "failing", "step2", "step3", "transfer2", "transfer3"]
 
 #: Bytes of `FLAGS` that end a run: terminate and early return.
-_ENDING = 0xFFFF00
+ENDING = 0xFFFF00
 
 _pointer, _double, _int = types.intp, types.float64, types.int32
 transfer2 = caller(_int(_pointer, _pointer, _pointer, _pointer))
@@ -26,63 +26,59 @@ do_step2 = caller(_int(_pointer, _double, _double, _int))
 do_step3 = caller(_int(_pointer, _double, _double, _int, _pointer, _pointer, _pointer, _pointer))
 
 _SET, _GET = at.HEADER, at.HEADER + at.ROW
-_SIZE = at.HEADER + 2 * at.ROW
 
 
 @njit(cache=True)
 def failing(table: Any, action: int, status: int) -> int:
-    """Return how a call that returned `status` ends the step: 0 after ok and warning."""
-    if 0 <= status <= 1:
-        return 0
+    """Take note of the status of a call that ends the step by `action`."""
     table[at.STATUS] = status
-    return action
-
-
-@njit(cache=True)
-def ending(table: Any, status: int) -> int:
-    """Return how a doStep of FMI 3 ends the step."""
-    action = failing(table, at.STEPPING, status)
-    if action == 0 and table[at.FLAGS] & _ENDING:
-        return at.ENDED
     return action
 
 
 @cfunc(STEP, cache=True)
 def step2(t: float, h: float, u: int, y: int, data: int) -> int:
     """Do a step of an FMI 2 instance."""
-    table = carray(integers_at(data), _SIZE)
+    # A pointer, not an array: everything here is counted in ns.
+    table = integers_at(data)
     instance = table[at.INSTANCE]
     n = table[_SET + at.N_REFERENCES]
     if n:
         status = transfer2(table[_SET + at.FUNCTION], (instance, table[_SET + at.REFERENCES], n, u))
-        action = failing(table, at.SETTING, status)
-        if action:
-            return action
+        if status < 0 or status > 1:
+            return failing(table, at.SETTING, status)
     status = do_step2(table[at.DO_STEP], (instance, t, h, table[at.NEVER_BACK]))
-    action = failing(table, at.STEPPING, status)
+    if status < 0 or status > 1:
+        return failing(table, at.STEPPING, status)
     n = table[_GET + at.N_REFERENCES]
-    if action or not n:
-        return action
-    status = transfer2(table[_GET + at.FUNCTION], (instance, table[_GET + at.REFERENCES], n, y))
-    return failing(table, at.GETTING, status)
+    if n:
+        status = transfer2(table[_GET + at.FUNCTION], (instance, table[_GET + at.REFERENCES], n, y))
+        if status < 0 or status > 1:
+            return failing(table, at.GETTING, status)
+    return 0
 
 
 @cfunc(STEP, cache=True)
 def step3(t: float, h: float, u: int, y: int, data: int) -> int:
     """Do a step of an FMI 3 instance."""
-    table = carray(integers_at(data), _SIZE)
+    table = integers_at(data)
     instance = table[at.INSTANCE]
     n = table[_SET + at.N_REFERENCES]
     if n:
         values = (instance, table[_SET + at.REFERENCES], n, u, table[_SET + at.N_VALUES])
-        action = failing(table, at.SETTING, transfer3(table[_SET + at.FUNCTION], values))
-        if action:
-            return action
+        status = transfer3(table[_SET + at.FUNCTION], values)
+        if status < 0 or status > 1:
+            return failing(table, at.SETTING, status)
     flags = data + 8 * at.FLAGS
     how = (instance, t, h, table[at.NEVER_BACK], flags, flags + 1, flags + 2, data + 8 * at.LAST)
-    action = ending(table, do_step3(table[at.DO_STEP], how))
+    status = do_step3(table[at.DO_STEP], how)
+    if status < 0 or status > 1:
+        return failing(table, at.STEPPING, status)
+    if table[at.FLAGS] & ENDING:
+        return at.ENDED
     n = table[_GET + at.N_REFERENCES]
-    if action or not n:
-        return action
-    values = (instance, table[_GET + at.REFERENCES], n, y, table[_GET + at.N_VALUES])
-    return failing(table, at.GETTING, transfer3(table[_GET + at.FUNCTION], values))
+    if n:
+        values = (instance, table[_GET + at.REFERENCES], n, y, table[_GET + at.N_VALUES])
+        status = transfer3(table[_GET + at.FUNCTION], values)
+        if status < 0 or status > 1:
+            return failing(table, at.GETTING, status)
+    return 0

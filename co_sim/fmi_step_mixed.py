@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import carray, cfunc, njit, types  # type: ignore[attr-defined]
+from numba import cfunc, njit, types
 from numpy import finfo, float32
 
 from co_sim import fmi_table as at
-from co_sim.fmi_step import do_step2, do_step3, ending, failing, transfer2, transfer3
+from co_sim.fmi_step import ENDING, do_step2, do_step3, failing, transfer2, transfer3
 from co_sim.native import STEP, caller, doubles_at, integers_at, pointer_to
 
 __all__ = ["step_mixed"]
@@ -31,9 +31,17 @@ _uint64 = pointer_to(types.uint64)
 
 
 @njit(cache=True)
-def _unfit_input(u: Any, positions: Any, code: int, low: int, high: int) -> int:
+def _outcome(table: Any, action: int, status: int) -> int:
+    """Return how a call that returned `status` ends the step: 0 after ok and warning."""
+    if 0 <= status <= 1:
+        return 0
+    return failing(table, action, status)
+
+
+@njit(cache=True)
+def _unfit_input(u: Any, positions: Any, n: int, code: int, low: int, high: int) -> int:
     """Return the index of the first value that does not fit its type, or -1."""
-    for i in range(positions.size):
+    for i in range(n):
         x = u[positions[i]]
         if code == at.FLOAT32:
             if abs(x) > _LARGEST and not math.isinf(x):
@@ -44,51 +52,50 @@ def _unfit_input(u: Any, positions: Any, code: int, low: int, high: int) -> int:
 
 
 @njit(cache=True)
-def _gather(u: Any, positions: Any, values: Any) -> None:
-    for i in range(positions.size):
+def _gather(u: Any, positions: Any, n: int, values: Any) -> None:
+    for i in range(n):
         values[i] = u[positions[i]]
 
 
 @njit(cache=True)
-def _fill(u: Any, positions: Any, code: int, address: int) -> None:
+def _fill(u: Any, positions: Any, n: int, code: int, address: int) -> None:
     """Write inputs into the buffer of their type."""
-    n = positions.size
     if code == at.FLOAT64:
-        _gather(u, positions, carray(doubles_at(address), n))
+        _gather(u, positions, n, doubles_at(address))
     elif code == at.FLOAT32:
-        _gather(u, positions, carray(_float32(address), n))
+        _gather(u, positions, n, _float32(address))
     elif code == at.INT8:
-        _gather(u, positions, carray(_int8(address), n))
+        _gather(u, positions, n, _int8(address))
     elif code in (at.UINT8, at.BOOLEAN8):
-        _gather(u, positions, carray(_uint8(address), n))
+        _gather(u, positions, n, _uint8(address))
     elif code == at.INT16:
-        _gather(u, positions, carray(_int16(address), n))
+        _gather(u, positions, n, _int16(address))
     elif code == at.UINT16:
-        _gather(u, positions, carray(_uint16(address), n))
+        _gather(u, positions, n, _uint16(address))
     elif code in (at.INT32, at.BOOLEAN32):
-        _gather(u, positions, carray(_int32(address), n))
+        _gather(u, positions, n, _int32(address))
     elif code == at.UINT32:
-        _gather(u, positions, carray(_uint32(address), n))
+        _gather(u, positions, n, _uint32(address))
     else:  # Up to 2**53, both 64-bit types look alike.
-        _gather(u, positions, carray(integers_at(address), n))
+        _gather(u, positions, n, integers_at(address))
 
 
 @njit(cache=True)
-def _spread(values: Any, positions: Any, y: Any) -> None:
-    for i in range(positions.size):
+def _spread(values: Any, positions: Any, n: int, y: Any) -> None:
+    for i in range(n):
         y[positions[i]] = values[i]
 
 
 @njit(cache=True)
-def _spread_booleans(values: Any, positions: Any, y: Any) -> None:
-    for i in range(positions.size):
+def _spread_booleans(values: Any, positions: Any, n: int, y: Any) -> None:
+    for i in range(n):
         y[positions[i]] = 1.0 if values[i] else 0.0
 
 
 @njit(cache=True)
 def _unfit_output(address: int, code: int, n: int) -> int:
     """Return the index of the first whole number that a float64 might round, or -1."""
-    signed, unsigned = carray(integers_at(address), n), carray(_uint64(address), n)
+    signed, unsigned = integers_at(address), _uint64(address)
     for i in range(n):
         if code == at.UINT64:
             fits = unsigned[i] <= types.uint64(at.EXACT)
@@ -100,31 +107,30 @@ def _unfit_output(address: int, code: int, n: int) -> int:
 
 
 @njit(cache=True)
-def _empty(y: Any, positions: Any, code: int, address: int) -> None:
+def _empty(y: Any, positions: Any, n: int, code: int, address: int) -> None:
     """Write outputs from the buffer of their type."""
-    n = positions.size
     if code == at.FLOAT64:
-        _spread(carray(doubles_at(address), n), positions, y)
+        _spread(doubles_at(address), positions, n, y)
     elif code == at.FLOAT32:
-        _spread(carray(_float32(address), n), positions, y)
+        _spread(_float32(address), positions, n, y)
     elif code == at.INT8:
-        _spread(carray(_int8(address), n), positions, y)
+        _spread(_int8(address), positions, n, y)
     elif code == at.UINT8:
-        _spread(carray(_uint8(address), n), positions, y)
+        _spread(_uint8(address), positions, n, y)
     elif code == at.INT16:
-        _spread(carray(_int16(address), n), positions, y)
+        _spread(_int16(address), positions, n, y)
     elif code == at.UINT16:
-        _spread(carray(_uint16(address), n), positions, y)
+        _spread(_uint16(address), positions, n, y)
     elif code == at.INT32:
-        _spread(carray(_int32(address), n), positions, y)
+        _spread(_int32(address), positions, n, y)
     elif code == at.UINT32:
-        _spread(carray(_uint32(address), n), positions, y)
+        _spread(_uint32(address), positions, n, y)
     elif code == at.BOOLEAN8:
-        _spread_booleans(carray(_uint8(address), n), positions, y)
+        _spread_booleans(_uint8(address), positions, n, y)
     elif code == at.BOOLEAN32:
-        _spread_booleans(carray(_int32(address), n), positions, y)
+        _spread_booleans(_int32(address), positions, n, y)
     else:
-        _spread(carray(integers_at(address), n), positions, y)
+        _spread(integers_at(address), positions, n, y)
 
 
 @njit(cache=True)
@@ -136,21 +142,21 @@ def _transfer(table: Any, row: Any, action: int) -> int:
     else:
         values = (table[at.INSTANCE], row[at.REFERENCES], n, address, row[at.N_VALUES])
         status = transfer3(row[at.FUNCTION], values)
-    return failing(table, action, status)
+    return _outcome(table, action, status)
 
 
 @njit(cache=True)
 def _set(table: Any, row: Any, u: int) -> int:
     code = row[at.CODE]
-    positions = carray(integers_at(row[at.POSITIONS]), row[at.N_VALUES])
-    inputs = carray(doubles_at(u), table[at.N_INPUTS])
+    positions, n = integers_at(row[at.POSITIONS]), row[at.N_VALUES]
+    inputs = doubles_at(u)
     if code != at.FLOAT64:
-        i = _unfit_input(inputs, positions, code, row[at.LOW], row[at.HIGH])
+        i = _unfit_input(inputs, positions, n, code, row[at.LOW], row[at.HIGH])
         if i >= 0:
             table[at.ELEMENT] = positions[i]
-            table[at.VALUE] = carray(integers_at(u), table[at.N_INPUTS])[positions[i]]
+            table[at.VALUE] = integers_at(u)[positions[i]]
             return at.UNFIT_INPUT
-    _fill(inputs, positions, code, row[at.VALUES])
+    _fill(inputs, positions, n, code, row[at.VALUES])
     return _transfer(table, row, at.SETTING)
 
 
@@ -160,14 +166,14 @@ def _get(table: Any, row: Any, y: Any) -> int:
     if action:
         return action
     code, n, address = row[at.CODE], row[at.N_VALUES], row[at.VALUES]
-    positions = carray(integers_at(row[at.POSITIONS]), n)
+    positions = integers_at(row[at.POSITIONS])
     if code in (at.INT64, at.UINT64):
         i = _unfit_output(address, code, n)
         if i >= 0:
             table[at.ELEMENT] = positions[i]
-            table[at.VALUE] = carray(integers_at(address), n)[i]
+            table[at.VALUE] = integers_at(address)[i]
             return at.UNFIT_OUTPUT
-    _empty(y, positions, code, address)
+    _empty(y, positions, n, code, address)
     return 0
 
 
@@ -175,9 +181,8 @@ def _get(table: Any, row: Any, y: Any) -> int:
 def _derive(table: Any, u: int) -> int:
     """Set the derivatives of the inputs up to the highest order that is, or last was, not zero."""
     n_inputs, n = table[at.N_INPUTS], table[at.N_SLOPES]
-    inputs = carray(doubles_at(u), 3 * n_inputs)
-    values = carray(doubles_at(table[at.SLOPE_VALUES]), 2 * n)
-    positions = carray(integers_at(table[at.SLOPE_POSITIONS]), n)
+    inputs, values = doubles_at(u), doubles_at(table[at.SLOPE_VALUES])
+    positions = integers_at(table[at.SLOPE_POSITIONS])
     highest = 0
     for order in (1, 2):
         for i in range(n):
@@ -196,26 +201,29 @@ def _derive(table: Any, u: int) -> int:
         table[at.SLOPE_ORDERS],
         table[at.SLOPE_VALUES],
     )
-    return failing(table, at.DERIVING, _set_derivatives(table[at.SET_DERIVATIVES], call))
+    return _outcome(table, at.DERIVING, _set_derivatives(table[at.SET_DERIVATIVES], call))
 
 
 @njit(cache=True)
 def _advance(table: Any, t: float, h: float, data: int) -> int:
     instance, never_back = table[at.INSTANCE], table[at.NEVER_BACK]
     if table[at.VERSION] == 2:
-        return failing(table, at.STEPPING, do_step2(table[at.DO_STEP], (instance, t, h, never_back)))
+        return _outcome(table, at.STEPPING, do_step2(table[at.DO_STEP], (instance, t, h, never_back)))
     flags = data + 8 * at.FLAGS
     how = (instance, t, h, never_back, flags, flags + 1, flags + 2, data + 8 * at.LAST)
-    return ending(table, do_step3(table[at.DO_STEP], how))
+    action = _outcome(table, at.STEPPING, do_step3(table[at.DO_STEP], how))
+    if action == 0 and table[at.FLAGS] & ENDING:
+        return at.ENDED
+    return action
 
 
 @cfunc(STEP, cache=True)
 def step_mixed(t: float, h: float, u: int, y: int, data: int) -> int:
     """Do a step of an instance of either version."""
-    table = carray(integers_at(data), at.HEADER)
+    table = integers_at(data)
     row = data + 8 * at.HEADER
     for _ in range(table[at.N_SET]):
-        action = _set(table, carray(integers_at(row), at.ROW), u)
+        action = _set(table, integers_at(row), u)
         if action:
             return action
         row += 8 * at.ROW
@@ -226,9 +234,9 @@ def step_mixed(t: float, h: float, u: int, y: int, data: int) -> int:
     action = _advance(table, t, h, data)
     if action:
         return action
-    outputs = carray(doubles_at(y), table[at.N_OUTPUTS])
+    outputs = doubles_at(y)
     for _ in range(table[at.N_GET]):
-        action = _get(table, carray(integers_at(row), at.ROW), outputs)
+        action = _get(table, integers_at(row), outputs)
         if action:
             return action
         row += 8 * at.ROW
