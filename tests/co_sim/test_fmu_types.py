@@ -349,6 +349,8 @@ def test_dependencies_are_those_of_the_description(parrot):
     assert fmu.feedthrough["sum"] == {"float64_in"}  # during initialisation
     chosen = FmuComponent(parrot, inputs=["int32_in"], outputs=["float64_out", "int32_out", "trouble"])
     assert chosen.feedthrough == {"float64_out": set(), "int32_out": {"int32_in"}, "trouble": set()}
+    state = FmuComponent(parrot, outputs=["der(sum)", "sum"]).feedthrough
+    assert state == {"der(sum)": every, "sum": {"float64_in"}}
 
 
 def test_an_fmu_that_declares_no_dependencies_is_not_known(lag_fmu):
@@ -366,6 +368,8 @@ def test_states_and_directional_derivatives(parrot, lag_fmu):
     )
     with Running(fmu):
         result = fmu.directional_derivative(["der(sum)", "float64_out"], ["sum", "float64_in"], [2.0, 3.0])
+        with pytest.raises(InputError, match=r'variable "summ" of parrot.*did you mean "sum"'):
+            fmu.directional_derivative(["sum"], ["summ"], [1.0])
     assert result.tolist() == [3.0, 3.0]
     other = FmuComponent(lag_fmu)
     assert other.states is None
