@@ -4,6 +4,7 @@ import copy
 import itertools
 import pickle
 import threading
+import zipfile
 
 import numpy as np
 import pytest
@@ -416,3 +417,16 @@ def test_bad_ports_of_every_combination_of_native_and_python_agree_on_order(parr
         with Running(fmu, np.zeros(len(names))) as run:
             assert outcome(run, u, in_python=False) == outcome(run, u, in_python=True)
             assert 'input "v_in[2]" is 0.25' in outcome(run, u, in_python=False)
+
+
+def test_a_start_value_that_a_float64_rounds_is_none(parrots, tmp_path):
+    path = tmp_path / "large.fmu"
+    with zipfile.ZipFile(parrots[3]) as source, zipfile.ZipFile(path, "w") as target:
+        for item in source.infolist():
+            content = source.read(item)
+            if item.filename == "modelDescription.xml":
+                old = b'name="int64_in" valueReference="8" causality="input" start="1"'
+                assert old in content
+                content = content.replace(old, old.replace(b'"1"', b'"9007199254740993"'))
+            target.writestr(item, content)
+    assert named(FmuComponent(path).inputs)["int64_in"].start is None
