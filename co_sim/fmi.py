@@ -158,8 +158,6 @@ class Slave(ABC):
 
     def restore(self, pointer: int, *, is_stepping: bool) -> None:
         """Return to a state; that is allowed after any failure but a fatal one."""
-        if self._worst >= _FATAL:
-            raise FmuError("after a fatal error no call is allowed")
         self._free_states()
         self._call(f"Set{self.state}", c_void_p(pointer))
         self.is_stepping = is_stepping
@@ -236,6 +234,8 @@ class Slave(ABC):
                 self._call(f"Free{self.state}", byref(c_void_p(pointer)))
 
     def _call(self, name: str, *arguments: object) -> None:
+        if self._worst >= _FATAL:
+            raise FmuError("after a fatal error no call is allowed")
         self.check(name, getattr(self._fmu.dll, self.prefix + name)(self._fmu.component, *arguments))
 
     def _last_words(self) -> str:
