@@ -1,6 +1,19 @@
+import numpy as np
 import pytest
 
-from co_sim import Connection, FunctionComponent, InputError, Port, Signal, System
+from co_sim import (
+    Connection,
+    Constant,
+    FunctionComponent,
+    InputError,
+    Master,
+    Port,
+    Recorder,
+    Signal,
+    System,
+    texts,
+)
+from co_sim.texts import number_of, text_of
 
 
 def part(inputs=(), outputs=()):
@@ -96,6 +109,13 @@ def test_an_unknown_target_comes_with_a_suggestion():
     assert 'did you mean "plant.torque"?' in only_fault(system)
 
 
+def test_an_unknown_unit_is_a_fault_like_any_other():
+    parts = {"a": part(outputs=[Port("y", "furlongish")]), "b": part(inputs=[Port("u", "m")])}
+    text = only_fault(System(parts, [Connection("a.y", "b.u")]))
+    assert text.startswith("connection a.y -> b.u: ")
+    assert "furlongish" in text
+
+
 def test_without_a_close_name_the_choice_is_shown():
     text = only_fault(System({"plant": plant()}, [Connection("plant.zzz", "plant.torque")]))
     assert "choose from plant.body.x, plant.yaw_rate" in text
@@ -117,6 +137,8 @@ def test_without_a_close_name_the_choice_is_shown():
         ("m", "s", False),
         ("m", "furlongish", False),
         ("furlongish", "furlongish", True),
+        ("N.m", "kg.m2/s2", True),
+        ("N", "kg", False),
     ],
 )
 def test_units_must_have_one_dimension_and_an_empty_one_is_1(source, target, fits):
