@@ -74,7 +74,7 @@ class Slave(ABC):
         with _LOADING, chdir(Path.cwd()):
             self._fmu = self.fmpy_class(
                 guid=description.guid,
-                modelIdentifier=description.coSimulation.modelIdentifier,
+                modelIdentifier=self._interface(description).modelIdentifier,
                 unzipDirectory=folder,
             )
         self._log: deque[str] = deque(maxlen=_MESSAGES)
@@ -85,6 +85,11 @@ class Slave(ABC):
         self.is_stepping = False
         #: Whether no earlier state will be restored, which an FMU may want to know in `do_step`.
         self.never_back = True
+
+    @staticmethod
+    def _interface(description: ModelDescription) -> Any:
+        """Return what the description says about the interface type that is used."""
+        return description.coSimulation
 
     @staticmethod
     @abstractmethod

@@ -1,0 +1,190 @@
+"""The C functions of a Model Exchange FMU, called by address from compiled code.
+
+All differences between FMI 2 and FMI 3 that compiled code sees are in this file. After the first failure no
+function is called any more: each call here looks at it first, so that the integrator need not ask.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numba import int32, njit, types
+from numba.np.numpy_support import carray, from_dtype
+
+from co_sim.native import caller, doubles_at, pointer_to
+
+__all__ = ["MODEL", "OWN_FAILURES", "Action", "Failure", "model_at"]
+
+_WARNING = 1
+
+
+class Action(IntEnum):
+    """The calls that can fail; the address of each is in `MODEL` under its name in lower case."""
+
+    SET_TIME = 1
+    SET_STATES = 2
+    GET_STATES = 3
+    GET_DERIVATIVES = 4
+    GET_INDICATORS = 5
+    SET_FLOATS = 6
+    GET_FLOATS = 7
+    LEAVE_INITIALISATION = 8
+    ENTER_EVENT_MODE = 9
+    UPDATE = 10
+    ENTER_CONTINUOUS_MODE = 11
+    COMPLETE_STEP = 12
+
+
+class Failure(IntEnum):
+    """What stops a step although no call failed."""
+
+    TERMINATED = 1
+    UNSETTLED = 2
+    CHATTERING = 3
+
+
+#: A step returns 0, one of `Failure`, or this number times the action, plus the FMI status.
+OWN_FAILURES = 8
+
+#: One instance as compiled code sees it. Pointers are addresses of arrays of float64, unless told otherwise.
+MODEL = np.dtype(
+    [
+        ("version", np.int64),
+        ("instance", np.int64),
+        *((action.name.lower(), np.int64) for action in Action),
+        ("n_states", np.int64),
+        ("x", np.int64),  # states at `time`,
+        ("x_new", np.int64),  # at the end of the part of the step in hand,
+        ("x_stage", np.int64),  # and at a stage of the method
+        ("derivatives", np.int64),
+        ("n_indicators", np.int64),
+        ("z", np.int64),  # indicators at `time`,
+        ("z_new", np.int64),  # at the end of the part of the step in hand,
+        ("z_low", np.int64),  # and before and behind a change of sign
+        ("z_high", np.int64),
+        ("n_stages", np.int64),
+        ("nodes", np.int64),  # of the Runge-Kutta method
+        ("weights", np.int64),
+        ("n_inputs", np.int64),
+        ("u", np.int64),  # the inputs and their derivatives given to the step that is under way
+        ("n_smooth", np.int64),  # inputs that follow their polynomial
+        ("smooth", np.int64),  # int64: their positions among the inputs
+        ("smooth_references", np.int64),  # uint32
+        ("smooth_values", np.int64),
+        ("n_discrete", np.int64),  # inputs that change at events only
+        ("discrete", np.int64),
+        ("discrete_references", np.int64),
+        ("discrete_values", np.int64),
+        ("n_outputs", np.int64),
+        ("output_references", np.int64),
+        ("flags", np.int64),  # room for what `update` and `complete_step` return: int32, then a float64
+        ("completes_steps", np.int64),
+        ("never_back", np.int64),  # whether the FMU may forget the past
+        ("needs_update", np.int64),
+        ("terminates", np.int64),
+        ("states_changed", np.int64),
+        ("events", np.int64),  # since the start of the step
+        ("failure", np.int64),
+        ("running", np.int64),  # whether initialisation mode has been left
+        ("substep", np.float64),  # s; 0 for the whole step
+        ("start", np.float64),  # s, of the step under way: where the polynomials begin
+        ("time", np.float64),  # s
+        ("next_event", np.float64),  # s; inf without a time event
+        ("tolerance", np.float64),  # s, of the time of events
+    ]
+)
+
+#: Functions that compiled code alone calls; without wrappers they compile sooner.
+inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+model_at = pointer_to(from_dtype(MODEL))
+_flags_at = pointer_to(types.int32)
+
+_call = caller(int32(types.intp))
+_call_time = caller(int32(types.intp, types.float64))
+_call_array = caller(int32(types.intp, types.intp, types.intp))
+_call_pointer = caller(int32(types.intp, types.intp))
+_call_floats2 = caller(int32(types.intp, types.intp, types.intp, types.intp))
+_call_floats3 = caller(int32(types.intp, types.intp, types.intp, types.intp, types.intp))
+_call_update3 = caller(int32(*[types.intp] * 7))
+# A C bool is passed like an int that is 0 or 1.
+_call_complete = caller(int32(types.intp, types.int32, types.intp, types.intp))
+
+
+@inner
+def note(m: Any, action: int, status: int) -> None:
+    """Keep the first status that is worse than a warning."""
+    if not 0 <= status <= _WARNING:
+        m.failure = OWN_FAILURES * action + (status if 0 < status < OWN_FAILURES else OWN_FAILURES - 1)
+
+
+@inner
+def change_mode(m: Any, action: int, address: int) -> None:
+    """Call a function that has no arguments."""
+    if m.failure == 0:
+        note(m, action, _call(address, (m.instance,)))
+
+
+@inner
+def transfer(m: Any, action: int, address: int, values: int, n: int) -> None:
+    """Set or get `n` states, derivatives or indicators at the address `values`."""
+    if m.failure == 0 and n > 0:
+        note(m, action, _call_array(address, (m.instance, values, n)))
+
+
+@inner
+def transfer_floats(m: Any, action: int, address: int, references: int, values: int, n: int) -> None:
+    """Set or get `n` variables."""
+    if m.failure == 0 and n > 0:
+        if m.version == 2:
+            status = _call_floats2(address, (m.instance, references, n, values))
+        else:
+            status = _call_floats3(address, (m.instance, references, n, values, n))
+        note(m, action, status)
+
+
+@inner
+def set_time(m: Any, t: float) -> None:
+    """Set the time."""
+    if m.failure == 0:
+        note(m, Action.SET_TIME, _call_time(m.set_time, (m.instance, t)))
+
+
+@inner
+def clear_flags(m: Any) -> Any:
+    """Return the flags, cleared: FMI 3 writes the first byte of each only."""
+    flags = carray(_flags_at(m.flags), 6)
+    flags[:] = 0
+    return flags
+
+
+@inner
+def update(m: Any) -> None:
+    """Do one iteration of the event mode."""
+    if m.failure != 0:
+        return
+    flags = clear_flags(m)
+    a = m.flags
+    if m.version == 2:
+        status = _call_pointer(m.update, (m.instance, a))
+    else:
+        status = _call_update3(m.update, (m.instance, a, a + 4, a + 8, a + 12, a + 16, a + 24))
+    note(m, Action.UPDATE, status)
+    m.needs_update = flags[0]
+    m.terminates |= flags[1]
+    m.states_changed |= flags[3]
+    m.next_event = carray(doubles_at(m.flags), 4)[3] if flags[4] else np.inf
+
+
+@inner
+def complete_step(m: Any) -> bool:
+    """Tell the FMU that it has reached a point to stay; return whether it asks for an event."""
+    if m.failure != 0 or m.completes_steps == 0:
+        return False
+    flags = clear_flags(m)
+    arguments = (m.instance, int32(m.never_back), m.flags, m.flags + 4)
+    note(m, Action.COMPLETE_STEP, _call_complete(m.complete_step, arguments))
+    m.terminates |= flags[1]
+    return flags[0] != 0
