@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numba import int32, njit, types
-from numba.np.numpy_support import carray, from_dtype
+from numba.np.numpy_support import from_dtype
 
 from co_sim.native import caller, doubles_at, pointer_to
 
@@ -96,9 +96,6 @@ MODEL = np.dtype(
     ]
 )
 
-#: Functions that compiled code alone calls; without wrappers they compile sooner.
-inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-
 model_at = pointer_to(from_dtype(MODEL))
 _flags_at = pointer_to(types.int32)
 
@@ -113,28 +110,28 @@ _call_update3 = caller(int32(*[types.intp] * 7))
 _call_complete = caller(int32(types.intp, types.int32, types.intp, types.intp))
 
 
-@inner
+@njit(error_model="numpy")
 def note(m: Any, action: int, status: int) -> None:
     """Keep the first status that is worse than a warning."""
     if not 0 <= status <= _WARNING:
         m.failure = OWN_FAILURES * action + (status if 0 < status < OWN_FAILURES else OWN_FAILURES - 1)
 
 
-@inner
+@njit(error_model="numpy")
 def change_mode(m: Any, action: int, address: int) -> None:
     """Call a function that has no arguments."""
     if m.failure == 0:
         note(m, action, _call(address, (m.instance,)))
 
 
-@inner
+@njit(error_model="numpy")
 def transfer(m: Any, action: int, address: int, values: int, n: int) -> None:
     """Set or get `n` states, derivatives or indicators at the address `values`."""
     if m.failure == 0 and n > 0:
         note(m, action, _call_array(address, (m.instance, values, n)))
 
 
-@inner
+@njit(error_model="numpy")
 def transfer_floats(m: Any, action: int, address: int, references: int, values: int, n: int) -> None:
     """Set or get `n` variables."""
     if m.failure == 0 and n > 0:
@@ -145,22 +142,23 @@ def transfer_floats(m: Any, action: int, address: int, references: int, values: 
         note(m, action, status)
 
 
-@inner
+@njit(error_model="numpy")
 def set_time(m: Any, t: float) -> None:
     """Set the time."""
     if m.failure == 0:
         note(m, Action.SET_TIME, _call_time(m.set_time, (m.instance, t)))
 
 
-@inner
+@njit(error_model="numpy")
 def clear_flags(m: Any) -> Any:
     """Return the flags, cleared: FMI 3 writes the first byte of each only."""
-    flags = carray(_flags_at(m.flags), 6)
-    flags[:] = 0
+    flags = _flags_at(m.flags)
+    for i in range(6):
+        flags[i] = 0
     return flags
 
 
-@inner
+@njit(error_model="numpy")
 def update(m: Any) -> None:
     """Do one iteration of the event mode."""
     if m.failure != 0:
@@ -175,10 +173,10 @@ def update(m: Any) -> None:
     m.needs_update = flags[0]
     m.terminates |= flags[1]
     m.states_changed |= flags[3]
-    m.next_event = carray(doubles_at(m.flags), 4)[3] if flags[4] else np.inf
+    m.next_event = doubles_at(m.flags)[3] if flags[4] else np.inf
 
 
-@inner
+@njit(error_model="numpy")
 def complete_step(m: Any) -> bool:
     """Tell the FMU that it has reached a point to stay; return whether it asks for an event."""
     if m.failure != 0 or m.completes_steps == 0:
@@ -187,4 +185,4 @@ def complete_step(m: Any) -> bool:
     arguments = (m.instance, int32(m.never_back), m.flags, m.flags + 4)
     note(m, Action.COMPLETE_STEP, _call_complete(m.complete_step, arguments))
     m.terminates |= flags[1]
-    return flags[0] != 0
+    return bool(flags[0])

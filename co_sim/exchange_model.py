@@ -181,8 +181,8 @@ class ExchangeModel(Slave):
         texts = {
             Failure.TERMINATED: f"the FMU ended the simulation at {t}",
             Failure.UNSETTLED: f"the event at {t} did not settle in {MAX_ITERATIONS} iterations",
-            Failure.CHATTERING: f"more than {MAX_EVENTS} events in one step, the last at {t}: they follow each"
-            " other ever faster, or an indicator returns to zero after each",
+            Failure.CHATTERING: f"more than {MAX_EVENTS} events in one step, the last at {t}: they follow"
+            " each other ever faster, or an indicator returns to zero after each",
         }
         return FmuError(texts[Failure(status)] + self._last_words())
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import cfunc, int32
+from numba import cfunc, njit
 from numba.np.numpy_support import carray
 
 from co_sim.exchange_calls import (
@@ -18,7 +18,6 @@ from co_sim.exchange_calls import (
     Failure,
     change_mode,
     complete_step,
-    inner,
     model_at,
     set_time,
     transfer,
@@ -38,12 +37,28 @@ EVENT_TOLERANCE = 1e-12
 EVENT_ULPS = 4.0
 
 
-@inner
+@njit(error_model="numpy")
+def copy(source: int, target: int, n: int) -> None:
+    """Copy `n` numbers from one address to another."""
+    values, copies = doubles_at(source), doubles_at(target)
+    for i in range(n):
+        copies[i] = values[i]
+
+
+@njit(error_model="numpy")
+def halve(address: int, n: int) -> None:
+    """Halve the `n` numbers at an address."""
+    values = doubles_at(address)
+    for i in range(n):
+        values[i] *= 0.5
+
+
+@njit(error_model="numpy")
 def set_smooth_inputs(m: Any, t: float) -> None:
     """Set the inputs that may change in continuous-time mode to their polynomial's values at `t`."""
-    u = carray(doubles_at(m.u), 3 * m.n_inputs)
-    positions = carray(integers_at(m.smooth), m.n_smooth)
-    values = carray(doubles_at(m.smooth_values), m.n_smooth)
+    u = doubles_at(m.u)
+    positions = integers_at(m.smooth)
+    values = doubles_at(m.smooth_values)
     tau = t - m.start
     for i in range(m.n_smooth):
         k = positions[i]
@@ -51,7 +66,7 @@ def set_smooth_inputs(m: Any, t: float) -> None:
     transfer_floats(m, Action.SET_FLOATS, m.set_floats, m.smooth_references, m.smooth_values, m.n_smooth)
 
 
-@inner
+@njit(error_model="numpy")
 def set_point(m: Any, t: float, x: int) -> None:
     """Set time, states (at the address `x`) and inputs."""
     set_time(m, t)
@@ -59,15 +74,15 @@ def set_point(m: Any, t: float, x: int) -> None:
     set_smooth_inputs(m, t)
 
 
-@inner
+@njit(error_model="numpy")
 def advance(m: Any, end: float) -> None:
     """Integrate from the present point to `end` in one step of the method; see `x_new` and `z_new`."""
     n = m.n_states
-    x, x_new = carray(doubles_at(m.x), n), carray(doubles_at(m.x_new), n)
-    x_stage, k = carray(doubles_at(m.x_stage), n), carray(doubles_at(m.derivatives), n)
-    nodes, weights = carray(doubles_at(m.nodes), m.n_stages), carray(doubles_at(m.weights), m.n_stages)
+    x, x_new = doubles_at(m.x), doubles_at(m.x_new)
+    x_stage, k = doubles_at(m.x_stage), doubles_at(m.derivatives)
+    nodes, weights = doubles_at(m.nodes), doubles_at(m.weights)
     h = end - m.time
-    x_new[:] = x
+    copy(m.x, m.x_new, n)
     for stage in range(m.n_stages if n > 0 else 0):
         for i in range(n):
             x_stage[i] = x[i] if stage == 0 else x[i] + nodes[stage] * h * k[i]
@@ -79,34 +94,34 @@ def advance(m: Any, end: float) -> None:
     transfer(m, Action.GET_INDICATORS, m.get_indicators, m.z_new, m.n_indicators)
 
 
-@inner
+@njit(error_model="numpy")
 def has_crossed(m: Any) -> bool:
     """Return whether an indicator's sign at the end differs from that at the present point."""
-    z, z_new = carray(doubles_at(m.z), m.n_indicators), carray(doubles_at(m.z_new), m.n_indicators)
+    z, z_new = doubles_at(m.z), doubles_at(m.z_new)
     crossed = False
     for i in range(m.n_indicators):
         crossed |= (z[i] > 0.0) != (z_new[i] > 0.0)
     return crossed
 
 
-@inner
+@njit(error_model="numpy")
 def first_secant_root(m: Any, low: float, high: float) -> float:
     """Return where the secants of the indicators that change sign first cross zero."""
     n = m.n_indicators
     z, z_low, z_high = (
-        carray(doubles_at(m.z), n),
-        carray(doubles_at(m.z_low), n),
-        carray(doubles_at(m.z_high), n),
+        doubles_at(m.z),
+        doubles_at(m.z_low),
+        doubles_at(m.z_high),
     )
     root = high
     for i in range(n):
         if (z[i] > 0.0) != (z_high[i] > 0.0):
             root = min(root, low + (high - low) * z_low[i] / (z_low[i] - z_high[i]))
     # A guess that is right to the tolerance must not leave the far end of the bracket where it is.
-    return min(max(root, low + 0.5 * m.tolerance), high - 0.5 * m.tolerance)
+    return float(min(max(root, low + 0.5 * m.tolerance), high - 0.5 * m.tolerance))
 
 
-@inner
+@njit(error_model="numpy")
 def locate(m: Any, end: float) -> float:
     """Find the first change of sign up to `end`, where there is one, and integrate to just behind it.
 
@@ -114,10 +129,8 @@ def locate(m: Any, end: float) -> float:
     anew from the present point: the state at the event is as accurate as at the end of a substep.
     """
     n = m.n_indicators
-    z_new = carray(doubles_at(m.z_new), n)
-    z_low, z_high = carray(doubles_at(m.z_low), n), carray(doubles_at(m.z_high), n)
-    z_low[:] = carray(doubles_at(m.z), n)
-    z_high[:] = z_new
+    copy(m.z, m.z_low, n)
+    copy(m.z_new, m.z_high, n)
     low, high, t, side, guesses = m.time, end, end, 0, 0
     while high - low > m.tolerance and m.failure == 0:
         guesses += 1
@@ -125,22 +138,22 @@ def locate(m: Any, end: float) -> float:
         advance(m, t)
         if has_crossed(m):
             high = t
-            z_high[:] = z_new
+            copy(m.z_new, m.z_high, n)
             if side > 0:
-                z_low *= 0.5
+                halve(m.z_low, n)
             side = 1
         else:
             low = t
-            z_low[:] = z_new
+            copy(m.z_new, m.z_low, n)
             if side < 0:
-                z_high *= 0.5
+                halve(m.z_high, n)
             side = -1
     if t != high:
         advance(m, high)
     return high
 
 
-@inner
+@njit(error_model="numpy")
 def settle(m: Any) -> None:
     """Iterate the discrete states in event mode, then go on in continuous-time mode."""
     m.states_changed = 0
@@ -158,14 +171,14 @@ def settle(m: Any) -> None:
     transfer(m, Action.GET_INDICATORS, m.get_indicators, m.z, m.n_indicators)
 
 
-@inner
+@njit(error_model="numpy")
 def stop_if_asked(m: Any) -> None:
     """Turn the FMU's wish to end the simulation into a failure."""
     if m.terminates != 0 and m.failure == 0:
         m.failure = Failure.TERMINATED
 
 
-@inner
+@njit(error_model="numpy")
 def handle_event(m: Any) -> None:
     """Handle an event at the present point."""
     m.events += 1
@@ -175,7 +188,7 @@ def handle_event(m: Any) -> None:
     settle(m)
 
 
-@inner
+@njit(error_model="numpy")
 def integrate(m: Any, end: float) -> None:
     """Advance to `end` through all events; a time event closer than the tolerance behind it counts."""
     while m.time < end and m.failure == 0:
@@ -193,21 +206,21 @@ def integrate(m: Any, end: float) -> None:
             handle_event(m)
 
 
-@inner
+@njit(error_model="numpy")
 def accept(m: Any, t: float) -> None:
     """Make the result of `advance` the present point."""
     if m.failure == 0:
         m.time = t
-        carray(doubles_at(m.x), m.n_states)[:] = carray(doubles_at(m.x_new), m.n_states)
-        carray(doubles_at(m.z), m.n_indicators)[:] = carray(doubles_at(m.z_new), m.n_indicators)
+        copy(m.x_new, m.x, m.n_states)
+        copy(m.z_new, m.z, m.n_indicators)
 
 
-@inner
+@njit(error_model="numpy")
 def take_discrete_inputs(m: Any) -> bool:
     """Take over the inputs that change at events only; return whether one of them is new."""
-    u = carray(doubles_at(m.u), m.n_inputs)
-    positions = carray(integers_at(m.discrete), m.n_discrete)
-    values = carray(doubles_at(m.discrete_values), m.n_discrete)
+    u = doubles_at(m.u)
+    positions = integers_at(m.discrete)
+    values = doubles_at(m.discrete_values)
     changed = False
     for i in range(m.n_discrete):
         if values[i] != u[positions[i]]:
@@ -216,7 +229,7 @@ def take_discrete_inputs(m: Any) -> bool:
     return changed
 
 
-@inner
+@njit(error_model="numpy")
 def set_discrete_inputs(m: Any) -> None:
     """Set the inputs that change at events only."""
     transfer_floats(
@@ -224,7 +237,7 @@ def set_discrete_inputs(m: Any) -> None:
     )
 
 
-@inner
+@njit(error_model="numpy")
 def begin(m: Any, t: float) -> None:
     """Leave initialisation mode with the inputs of the first step and settle the discrete states."""
     m.time = t
@@ -237,7 +250,7 @@ def begin(m: Any, t: float) -> None:
     transfer(m, Action.GET_STATES, m.get_states, m.x, m.n_states)
 
 
-@inner
+@njit(error_model="numpy")
 def take_inputs(m: Any) -> None:
     """Take the inputs of a step; new discrete ones, and jumps that change a sign, are events."""
     set_point(m, m.time, m.x)
@@ -250,7 +263,7 @@ def take_inputs(m: Any) -> None:
     if has_crossed(m):
         handle_event(m)
     else:
-        carray(doubles_at(m.z), m.n_indicators)[:] = carray(doubles_at(m.z_new), m.n_indicators)
+        copy(m.z_new, m.z, m.n_indicators)
 
 
 @cfunc(STEP, cache=True, error_model="numpy")
@@ -269,4 +282,4 @@ def exchange_step(t: float, h: float, u: int, y: int, data: int) -> int:
     for i in range(1, n + 1):
         integrate(m, t + h if i == n else t + h * i / n)
     transfer_floats(m, Action.GET_FLOATS, m.get_floats, m.output_references, y, m.n_outputs)
-    return int32(m.failure)
+    return int(m.failure)

@@ -3,6 +3,7 @@ import copy
 import tempfile
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
@@ -10,7 +11,9 @@ from co_sim.component import StateError
 from co_sim.errors import InputError
 from co_sim.fmi import FmuError
 from co_sim.model_exchange import ExchangeFmu
+from co_sim.native import STEP, caller
 
+call_step = caller(STEP)
 G = 9.81
 
 
@@ -339,3 +342,23 @@ def test_faults_are_told_together(fmu):
     text = str(caught.value)
     for part in ('input "x"', 'parameter "q"', "substep", "'rk5', expected one of euler, midpoint, rk4"):
         assert part in text
+
+
+@numba.njit(nogil=True)
+def compiled_loop(address, data, t0, h, u, rows):
+    for k in range(len(rows)):
+        status = call_step(address, (t0 + k * h, h, u.ctypes.data, rows[k:].ctypes.data, data))
+        if status != 0:
+            return status
+    return 0
+
+
+def test_the_step_runs_in_a_compiled_loop_and_gives_the_same_bits(fmu):
+    part = ball(fmu("ball"), 0.7, substep=0.013)
+    python = run(part, 20)
+    with started(part):
+        rows = np.zeros_like(python)
+        assert compiled_loop(*part.native(), 0.0, 0.1, np.zeros(0), rows) == 0
+        np.testing.assert_array_equal(rows, python)
+        more = compiled_loop(*part.native(), 2.0, 0.1, np.zeros(0), rows)
+        assert "more than 1000 events" in str(part.failure(more))
