@@ -13,7 +13,7 @@ import numpy as np
 from numba import int32, njit, types
 from numba.np.numpy_support import from_dtype
 
-from co_sim.native import caller, doubles_at, pointer_to
+from co_sim.native import STEP, caller, doubles_at, pointer_to
 
 __all__ = ["MODEL", "OWN_FAILURES", "Action", "Failure", "model_at"]
 
@@ -45,7 +45,8 @@ class Failure(IntEnum):
     CHATTERING = 3
 
 
-#: A step returns 0, one of `Failure`, or this number times the action, plus the FMI status.
+#: A step returns 0, one of `Failure`, this number times the action plus the FMI status, or what a function of
+#: `STEP` for the ports returned, negative.
 OWN_FAILURES = 8
 
 #: One instance as compiled code sees it. Pointers are addresses of arrays of float64, unless told otherwise.
@@ -67,18 +68,25 @@ MODEL = np.dtype(
         ("n_stages", np.int64),
         ("nodes", np.int64),  # of the Runge-Kutta method
         ("weights", np.int64),
-        ("n_inputs", np.int64),
-        ("u", np.int64),  # the inputs and their derivatives given to the step that is under way
-        ("n_smooth", np.int64),  # inputs that follow their polynomial
-        ("smooth", np.int64),  # int64: their positions among the inputs
-        ("smooth_references", np.int64),  # uint32
+        ("n_inputs", np.int64),  # elements of all inputs
+        ("u", np.int64),  # the inputs and their derivatives given to the step under way
+        ("n_smooth", np.int64),  # elements of inputs that follow their polynomial
+        ("smooth", np.int64),  # int64: their positions
         ("smooth_values", np.int64),
-        ("n_discrete", np.int64),  # inputs that change at events only
+        ("n_smooth_references", np.int64),
+        ("smooth_references", np.int64),  # uint32
+        ("n_discrete", np.int64),  # elements of inputs that change at events only
         ("discrete", np.int64),
-        ("discrete_references", np.int64),
         ("discrete_values", np.int64),
         ("n_outputs", np.int64),
+        # Where all inputs, or all outputs, are float64 one call passes them; else a function of `STEP`.
+        ("n_input_references", np.int64),
+        ("input_references", np.int64),
+        ("set_ports", np.int64),
+        ("n_output_references", np.int64),
         ("output_references", np.int64),
+        ("get_ports", np.int64),
+        ("ports", np.int64),  # what these functions work from
         ("flags", np.int64),  # room for what `update` and `complete_step` return: int32, then a float64
         ("completes_steps", np.int64),
         ("never_back", np.int64),  # whether the FMU may forget the past
@@ -105,6 +113,7 @@ _call_array = caller(int32(types.intp, types.intp, types.intp))
 _call_pointer = caller(int32(types.intp, types.intp))
 _call_floats2 = caller(int32(types.intp, types.intp, types.intp, types.intp))
 _call_floats3 = caller(int32(types.intp, types.intp, types.intp, types.intp, types.intp))
+_call_step = caller(STEP)
 _call_update3 = caller(int32(*[types.intp] * 7))
 # A C bool is passed like an int that is 0 or 1.
 _call_complete = caller(int32(types.intp, types.int32, types.intp, types.intp))
@@ -132,14 +141,43 @@ def transfer(m: Any, action: int, address: int, values: int, n: int) -> None:
 
 
 @njit(error_model="numpy")
-def transfer_floats(m: Any, action: int, address: int, references: int, values: int, n: int) -> None:
-    """Set or get `n` variables."""
+def transfer_floats(
+    m: Any, action: int, address: int, references: int, n: int, values: int, n_values: int
+) -> None:
+    """Set or get `n` float64 variables that have `n_values` elements."""
     if m.failure == 0 and n > 0:
         if m.version == 2:
             status = _call_floats2(address, (m.instance, references, n, values))
         else:
-            status = _call_floats3(address, (m.instance, references, n, values, n))
+            status = _call_floats3(address, (m.instance, references, n, values, n_values))
         note(m, action, status)
+
+
+@njit(error_model="numpy")
+def set_smooth(m: Any) -> None:
+    """Set the inputs that follow their polynomial."""
+    references, n = m.smooth_references, m.n_smooth_references
+    transfer_floats(m, Action.SET_FLOATS, m.set_floats, references, n, m.smooth_values, m.n_smooth)
+
+
+@njit(error_model="numpy")
+def set_inputs(m: Any) -> None:
+    """Set all inputs to their values at the start of the step."""
+    if m.set_ports == 0:
+        references, n = m.input_references, m.n_input_references
+        transfer_floats(m, Action.SET_FLOATS, m.set_floats, references, n, m.u, m.n_inputs)
+    elif m.failure == 0:
+        m.failure = -_call_step(m.set_ports, (0.0, 0.0, m.u, m.u, m.ports))
+
+
+@njit(error_model="numpy")
+def get_outputs(m: Any, y: int) -> None:
+    """Get all outputs into the array at the address `y`."""
+    if m.get_ports == 0:
+        references, n = m.output_references, m.n_output_references
+        transfer_floats(m, Action.GET_FLOATS, m.get_floats, references, n, y, m.n_outputs)
+    elif m.failure == 0:
+        m.failure = -_call_step(m.get_ports, (0.0, 0.0, m.u, y, m.ports))
 
 
 @njit(error_model="numpy")

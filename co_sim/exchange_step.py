@@ -18,10 +18,12 @@ from co_sim.exchange_calls import (
     Failure,
     change_mode,
     complete_step,
+    get_outputs,
     model_at,
+    set_inputs,
+    set_smooth,
     set_time,
     transfer,
-    transfer_floats,
     update,
 )
 from co_sim.native import STEP, doubles_at, integers_at
@@ -63,7 +65,7 @@ def set_smooth_inputs(m: Any, t: float) -> None:
     for i in range(m.n_smooth):
         k = positions[i]
         values[i] = u[k] + tau * (u[m.n_inputs + k] + 0.5 * tau * u[2 * m.n_inputs + k])
-    transfer_floats(m, Action.SET_FLOATS, m.set_floats, m.smooth_references, m.smooth_values, m.n_smooth)
+    set_smooth(m)
 
 
 @njit(error_model="numpy")
@@ -230,20 +232,11 @@ def take_discrete_inputs(m: Any) -> bool:
 
 
 @njit(error_model="numpy")
-def set_discrete_inputs(m: Any) -> None:
-    """Set the inputs that change at events only."""
-    transfer_floats(
-        m, Action.SET_FLOATS, m.set_floats, m.discrete_references, m.discrete_values, m.n_discrete
-    )
-
-
-@njit(error_model="numpy")
 def begin(m: Any, t: float) -> None:
     """Leave initialisation mode with the inputs of the first step and settle the discrete states."""
     m.time = t
-    set_smooth_inputs(m, t)
     take_discrete_inputs(m)
-    set_discrete_inputs(m)
+    set_inputs(m)
     change_mode(m, Action.LEAVE_INITIALISATION, m.leave_initialisation)
     m.running = 1
     settle(m)
@@ -256,7 +249,7 @@ def take_inputs(m: Any) -> None:
     set_point(m, m.time, m.x)
     if take_discrete_inputs(m):
         change_mode(m, Action.ENTER_EVENT_MODE, m.enter_event_mode)
-        set_discrete_inputs(m)
+        set_inputs(m)
         settle(m)
         return
     transfer(m, Action.GET_INDICATORS, m.get_indicators, m.z_new, m.n_indicators)
@@ -281,5 +274,5 @@ def exchange_step(t: float, h: float, u: int, y: int, data: int) -> int:
     n = max(1, int(np.ceil(h / m.substep - 1e-9))) if m.substep > 0.0 else 1
     for i in range(1, n + 1):
         integrate(m, t + h if i == n else t + h * i / n)
-    transfer_floats(m, Action.GET_FLOATS, m.get_floats, m.output_references, y, m.n_outputs)
+    get_outputs(m, y)
     return int(m.failure)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     _References = NDArray[np.uint32]
 
-__all__ = ["FmuError", "Slave", "read_description", "slave_type", "unpack"]
+__all__ = ["FmuError", "Slave", "read_description", "require_library", "slave_type", "unpack"]
 
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _OK, _WARNING, _ERROR, _FATAL, _PENDING = 0, 1, 3, 4, 5
@@ -74,7 +74,7 @@ class Slave(ABC):
         with _LOADING, chdir(Path.cwd()):
             self._fmu = self.fmpy_class(
                 guid=description.guid,
-                modelIdentifier=self._interface(description).modelIdentifier,
+                modelIdentifier=self.interface(description).modelIdentifier,
                 unzipDirectory=folder,
             )
         self._log: deque[str] = deque(maxlen=_MESSAGES)
@@ -87,7 +87,7 @@ class Slave(ABC):
         self.never_back = True
 
     @staticmethod
-    def _interface(description: ModelDescription) -> Any:
+    def interface(description: ModelDescription) -> Any:
         """Return what the description says about the interface type that is used."""
         return description.coSimulation
 
@@ -435,7 +435,12 @@ def slave_type(path: Path, description: ModelDescription) -> type[Slave]:
             expected="FMI 2.0 or 3.0 for co-simulation",
             remedy="export the model again for co-simulation",
         )
-    library = version.library(description.coSimulation.modelIdentifier)
+    require_library(path, version.library(description.coSimulation.modelIdentifier))
+    return version
+
+
+def require_library(path: Path, library: str) -> None:
+    """Refuse an FMU without the library for this platform."""
     with zipfile.ZipFile(path) as archive:
         contained = archive.namelist()
     if library not in contained:
@@ -445,4 +450,3 @@ def slave_type(path: Path, description: ModelDescription) -> type[Slave]:
             expected="a library for this platform",
             remedy="build it for here",
         )
-    return version

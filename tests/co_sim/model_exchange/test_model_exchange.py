@@ -36,6 +36,7 @@ def started(fmu, t0=0.0, h=0.1, u=None):
     try:
         fmu.start(t0, h)
         fmu.exchange(u, np.zeros(len(fmu.outputs)))
+        fmu.enter_steps()
         yield fmu
     finally:
         fmu.close()
@@ -185,8 +186,8 @@ def test_the_end_of_the_simulation_is_a_failure_that_tells_when(fmu):
 
 def test_an_event_that_never_settles_is_told(fmu):
     part = counter(fmu("counter"), 0.17, endless=1.0)
-    with started(part), pytest.raises(FmuError, match=r"the event at t = 0 s did not settle in 100 it"):
-        steps(part, [0])
+    with pytest.raises(FmuError, match=r"the event at t = 0 s did not settle in 100 it"), started(part):
+        pass
 
 
 def test_step_events_follow_the_substep(fmu):
@@ -270,16 +271,14 @@ def test_a_state_saved_before_the_first_step(fmu):
 
 def test_states_that_cannot_be_saved_or_are_of_another_run(fmu):
     plain = everything(fmu("ball", saves=False))
-    with started(plain), pytest.raises(StateError, match="does not offer canGetAndSetFMUstate"):
+    with started(plain), pytest.raises(StateError, match="does not declare canGetAndSetFMUstate"):
         plain.save()
     part = everything(fmu("ball"))
-    with pytest.raises(StateError, match="not started"):
-        part.save()
     with started(part):
         state = part.save()
-        with pytest.raises(StateError, match="too few"):
+        with pytest.raises(StateError, match="no state of"):
             part.deserialize(b"1234")
-    with started(part), pytest.raises(StateError, match="before a restart"):
+    with started(part), pytest.raises(StateError, match="not one of this run"):
         part.restore(state)
 
 
@@ -321,6 +320,7 @@ def test_ports_states_and_dependencies_come_from_the_description(fmu):
 def test_the_present_point_can_be_moved_and_read(fmu):
     part = oscillator(fmu("oscillator"), w=3.0, x0=0.5, v0=0.25, outputs=["total"])
     with started(part, t0=2.0, u=[1.5]):
+        assert part.directional_derivative(["total"], ["u"], np.ones(1)) is None
         point = part.point()
         assert point.time == 2.0
         np.testing.assert_array_equal(point.states(), [0.5, 0.25])
@@ -330,7 +330,6 @@ def test_the_present_point_can_be_moved_and_read(fmu):
         np.testing.assert_array_equal(point.derivatives(), [-1.0, -7.0])
         np.testing.assert_array_equal(point.outputs(), [3.0])
         np.testing.assert_array_equal(point.nominals(), [2.0, 2.0])
-        assert point.jacobians() is None
         x, v = 1.0, -1.0
         (row,) = steps(part, [0], h=1e-3, t0=2.0)
         np.testing.assert_allclose(row, [x + 1e-3 * v], atol=1e-5)
