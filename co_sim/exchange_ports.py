@@ -5,7 +5,7 @@ Apart from that step, so that only FMUs with such ports wait for this to be comp
 
 from __future__ import annotations
 
-from numba import carray, cfunc  # type: ignore[attr-defined]
+from numba import cfunc
 
 from co_sim import fmi_table as at
 from co_sim.fmi_step_mixed import _get, _set
@@ -17,10 +17,10 @@ __all__ = ["get_ports", "set_ports"]
 @cfunc(STEP, cache=True)
 def set_ports(t: float, h: float, u: int, y: int, data: int) -> int:
     """Set all inputs."""
-    table = carray(integers_at(data), at.HEADER)
+    table = integers_at(data)
     row = data + 8 * at.HEADER
     for _ in range(table[at.N_SET]):
-        action = _set(table, carray(integers_at(row), at.ROW), u)
+        action = _set(table, integers_at(row), u)
         if action:
             return action
         row += 8 * at.ROW
@@ -30,11 +30,11 @@ def set_ports(t: float, h: float, u: int, y: int, data: int) -> int:
 @cfunc(STEP, cache=True)
 def get_ports(t: float, h: float, u: int, y: int, data: int) -> int:
     """Get all outputs."""
-    table = carray(integers_at(data), at.HEADER)
+    table = integers_at(data)
     row = data + 8 * (at.HEADER + at.ROW * table[at.N_SET])
-    outputs = carray(doubles_at(y), table[at.N_OUTPUTS])
+    outputs = doubles_at(y)
     for _ in range(table[at.N_GET]):
-        action = _get(table, carray(integers_at(row), at.ROW), outputs)
+        action = _get(table, integers_at(row), outputs)
         if action:
             return action
         row += 8 * at.ROW

@@ -33,6 +33,21 @@ _N_STATES = {"oscillator": 2, "ball": 2, "counter": 0, "saw": 1, "relay": 1}
 _N_INDICATORS = {"ball": 1, "relay": 1}
 _OUTPUTS = {0: "", 1: "", 6: "0 4", 7: "", 8: "", 9: ""}
 _UNITS = "".join(f'<Unit name="{unit}"/>' for unit in ("m", "m/s", "m/s2", "s", "1"))
+#: The ports of other types of the counter, with the value references from 20 on.
+_OTHER_TYPES_2 = """
+    <ScalarVariable name="flag" valueReference="20" causality="input" variability="discrete">
+      <Boolean start="false"/></ScalarVariable>
+    <ScalarVariable name="level" valueReference="21" causality="output" variability="discrete">
+      <Integer/></ScalarVariable>
+    <ScalarVariable name="word" valueReference="22" causality="input" variability="discrete">
+      <String start=""/></ScalarVariable>
+    <ScalarVariable name="echo" valueReference="23" causality="output" variability="discrete">
+      <String/></ScalarVariable>"""
+_OTHER_TYPES_3 = """
+    <Boolean name="flag" valueReference="20" causality="input" start="false"/>
+    <Int32 name="level" valueReference="21" causality="output"/>
+    <String name="word" valueReference="22" causality="input"><Start value=""/></String>
+    <String name="echo" valueReference="23" causality="output"/>"""
 
 
 def _attributes(**values) -> str:
@@ -45,10 +60,13 @@ def _description2(model: str, flags: str) -> str:
         head = _attributes(name=name, valueReference=reference, causality=causality, variability=variability)
         real = _attributes(start=start, unit=unit, derivative=None if state is None else state + 1)
         variables += f"<ScalarVariable {head}><Real {real}/></ScalarVariable>"
+    if model == "counter":
+        variables += _OTHER_TYPES_2
     outputs = "".join(
         f'<Unknown index="{i + 1}" dependencies="{" ".join(str(int(k) + 1) for k in known.split())}"/>'
         for i, known in _OUTPUTS.items()
     )
+    outputs += '<Unknown index="17"/><Unknown index="19"/>' if model == "counter" else ""
     derivatives = "".join(f'<Unknown index="{i + 3}"/>' for i in range(_N_STATES[model]))
     derivatives = f"<Derivatives>{derivatives}</Derivatives>" if derivatives else ""
     return f"""<?xml version="1.0" encoding="UTF-8"?>
@@ -66,9 +84,13 @@ def _description3(model: str, flags: str) -> str:
     for reference, (name, causality, variability, start, unit, state) in enumerate(_VARIABLES):
         head = _attributes(name=name, valueReference=reference, causality=causality, variability=variability)
         variables += f"<Float64 {head} {_attributes(start=start, unit=unit, derivative=state)}/>"
+    if model == "counter":
+        variables += _OTHER_TYPES_3
     if model in _N_INDICATORS:
         variables += '<Float64 name="z" valueReference="50" causality="local"/>'
     structure = "".join(f'<Output valueReference="{i}" dependencies="{k}"/>' for i, k in _OUTPUTS.items())
+    if model == "counter":
+        structure += '<Output valueReference="21"/><Output valueReference="23"/>'
     structure += "".join(
         f'<ContinuousStateDerivative valueReference="{i + 2}"/>' for i in range(_N_STATES[model])
     )

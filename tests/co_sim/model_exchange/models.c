@@ -3,7 +3,8 @@
  * oscillator: x'' = -w^2 x + u; the output "total" is x + u.
  * ball:       h'' = -g, bounces with restitution e; counts its bounces.
  * counter:    no states; counts at each multiple of `period`, where it also samples the discrete input d,
- *             and notes how often d was set; ends the simulation at the count `limit`.
+ *             and notes how often d was set; ends the simulation at the count `limit`. At each event it shows its
+ *             count as an integer, tripled by the input `flag`, and copies the text `word` to `echo`.
  * saw:        x' = 1; asks for an event after the integration step that brings x to 1 or more, then x is 1 less.
  * relay:      x' = 1 below and -1 above x = u, where it chatters; its events need two iterations.
  *
@@ -25,13 +26,15 @@ enum { OSCILLATOR, BALL, COUNTER, SAW, RELAY };
 enum { OK, WARNING, DISCARD, ERROR };
 enum { INSTANTIATED = 1, INITIALISING = 2, EVENT = 4, CONTINUOUS = 8, ENDED = 16 };
 enum { X, V, DX, DV, U, D, TOTAL, COUNT, SAMPLE, SETTINGS, P1, P2, P3, TROUBLE, ENDLESS, N_VALUES };
+enum { FLAG = 20, LEVEL, WORD, ECHO };
 
 static const char *const NAMES[] = {"oscillator", "ball", "counter", "saw", "relay"};
 static const unsigned N_STATES[] = {2, 2, 0, 1, 1}, N_INDICATORS[] = {0, 1, 0, 0, 1};
 
 typedef struct {
     double value[N_VALUES], time, event_time, next, mode_of_relay;
-    int model, mode, iterations;
+    int model, mode, iterations, flag, level;
+    char word[16], echo[16];
 } State;
 
 typedef struct {
@@ -110,6 +113,8 @@ static int handle(State *s, int *again, int *end) {
             *again = 1;
         }
     }
+    s->level = (int)v[COUNT] * (s->flag ? 3 : 1);
+    memcpy(s->echo, s->word, sizeof s->echo);
     s->iterations++;
     return changed;
 }
@@ -140,6 +145,32 @@ static int set(Instance *self, const unsigned r[], size_t n, const double v[]) {
         if (r[i] == D) self->state.value[SETTINGS] += 1.0;
         self->state.value[r[i]] = v[i];
     }
+    return OK;
+}
+
+static int set_flag(Instance *self, unsigned r, int value) {
+    REQUIRE(self, INITIALISING | EVENT);
+    if (r != FLAG) return complain(self, "unknown variable");
+    self->state.flag = value;
+    return OK;
+}
+
+static int get_level(Instance *self, unsigned r, int *value) {
+    if (r != LEVEL) return complain(self, "unknown variable");
+    *value = self->state.level;
+    return OK;
+}
+
+static int set_word(Instance *self, unsigned r, const char *value) {
+    REQUIRE(self, INITIALISING | EVENT);
+    if (r != WORD) return complain(self, "unknown variable");
+    snprintf(self->state.word, sizeof self->state.word, "%s", value);
+    return OK;
+}
+
+static int get_echo(Instance *self, unsigned r, const char **value) {
+    if (r != ECHO) return complain(self, "unknown variable");
+    *value = self->state.echo;
     return OK;
 }
 
@@ -318,6 +349,18 @@ EXPORT int fmi2EnterInitializationMode(void *c) {
 }
 EXPORT int fmi2GetReal(void *c, const unsigned r[], size_t n, double v[]) { return get(c, r, n, v); }
 EXPORT int fmi2SetReal(void *c, const unsigned r[], size_t n, const double v[]) { return set(c, r, n, v); }
+EXPORT int fmi2SetBoolean(void *c, const unsigned r[], size_t n, const int v[]) {
+    return n == 1 ? set_flag(c, r[0], v[0]) : ERROR;
+}
+EXPORT int fmi2GetInteger(void *c, const unsigned r[], size_t n, int v[]) {
+    return n == 1 ? get_level(c, r[0], v) : ERROR;
+}
+EXPORT int fmi2SetString(void *c, const unsigned r[], size_t n, const char *const v[]) {
+    return n == 1 ? set_word(c, r[0], v[0]) : ERROR;
+}
+EXPORT int fmi2GetString(void *c, const unsigned r[], size_t n, const char *v[]) {
+    return n == 1 ? get_echo(c, r[0], v) : ERROR;
+}
 EXPORT int fmi2NewDiscreteStates(void *c, fmi2EventInfo *info) {
     REQUIRE(c, EVENT);
     State *s = &((Instance *)c)->state;
@@ -359,6 +402,18 @@ EXPORT int fmi3GetFloat64(void *c, const unsigned r[], size_t n, double v[], siz
 }
 EXPORT int fmi3SetFloat64(void *c, const unsigned r[], size_t n, const double v[], size_t n_values) {
     return n == n_values ? set(c, r, n, v) : ERROR;
+}
+EXPORT int fmi3SetBoolean(void *c, const unsigned r[], size_t n, const bool v[], size_t n_values) {
+    return n == 1 && n_values == 1 ? set_flag(c, r[0], v[0]) : ERROR;
+}
+EXPORT int fmi3GetInt32(void *c, const unsigned r[], size_t n, int v[], size_t n_values) {
+    return n == 1 && n_values == 1 ? get_level(c, r[0], v) : ERROR;
+}
+EXPORT int fmi3SetString(void *c, const unsigned r[], size_t n, const char *const v[], size_t n_values) {
+    return n == 1 && n_values == 1 ? set_word(c, r[0], v[0]) : ERROR;
+}
+EXPORT int fmi3GetString(void *c, const unsigned r[], size_t n, const char *v[], size_t n_values) {
+    return n == 1 && n_values == 1 ? get_echo(c, r[0], v) : ERROR;
 }
 EXPORT int fmi3UpdateDiscreteStates(void *c, bool *again, bool *end, bool *nominals, bool *values, bool *timed,
                                     double *next) {

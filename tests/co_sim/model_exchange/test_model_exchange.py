@@ -12,6 +12,7 @@ from co_sim.errors import InputError
 from co_sim.fmi import FmuError
 from co_sim.model_exchange import ExchangeFmu
 from co_sim.native import STEP, caller
+from co_sim.texts import number_of, text_of
 
 call_step = caller(STEP)
 G = 9.81
@@ -174,6 +175,34 @@ def test_discrete_inputs_are_set_at_events_and_only_when_they_are_new(fmu):
     # Sampled at 0.5 and at 1.0, the end of the last step; set in initialisation (twice) and at 0.3, 0.6, 0.9.
     np.testing.assert_array_equal(rows[:, 1], [0, 0, 0, 0, 1, 1, 1, 1, 1, 3])
     np.testing.assert_array_equal(rows[:, 2] - rows[0, 2], [0, 0, 0, 1, 1, 1, 2, 2, 2, 3])
+
+
+def test_booleans_and_integers_pass_through_machine_code(fmu):
+    options = {"inputs": ["d", "flag"], "outputs": ["level", "count"], "parameters": {"p1": 0.25}}
+    part = ExchangeFmu(fmu("counter"), **options)
+    rows = run(part, 10, u=lambda t: [[0.0, float(t > 0.55)], [0.0, 0.0], [0.0, 0.0]])
+    t = 0.1 * np.arange(1, 11)
+    count = np.floor(t / 0.25 + 1e-9)
+    np.testing.assert_array_equal(rows[:, 1], count)
+    # The step that begins at 0.6 is the first with the flag, which is an event.
+    np.testing.assert_array_equal(rows[:, 0], np.where(t > 0.65, 3 * count, count))
+    with started(part):
+        assert part.native() is not None
+        with pytest.raises(FmuError, match=r'input "flag" is 0\.5, expected 0 or 1'):
+            steps(part, [0], u=lambda t: [[0.0, 0.5], [0.0, 0.0], [0.0, 0.0]])
+
+
+def test_texts_pass_through_the_interpreter(fmu):
+    options = {"inputs": ["word"], "outputs": ["echo", "level"], "parameters": {"p1": 0.25}}
+    part = ExchangeFmu(fmu("counter"), **options)
+    words = [float(number_of(text)) for text in ("", "one", "two")]
+    rows = run(part, 6, u=lambda t: [[words[int(t / 0.2 + 1e-9)]], [0.0], [0.0]])
+    assert [text_of(number) for number in rows[:, 0]] == ["", "", "one", "one", "two", "two"]
+    np.testing.assert_array_equal(rows[:, 1], [0, 0, 1, 1, 2, 2])
+    with started(part):
+        assert part.native() is None
+        with pytest.raises(IndexError):  # no text has this number, and the error comes through the C code
+            steps(part, [0], u=lambda t: [[1e9], [0.0], [0.0]])
 
 
 def test_the_end_of_the_simulation_is_a_failure_that_tells_when(fmu):
