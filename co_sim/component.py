@@ -26,12 +26,14 @@ from itertools import product
 from math import prod
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from co_sim.errors import Fault, suggestion
+from co_sim.local_model import LocalModel, NotLinearizableError, central_differences
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from co_sim.native import NativeStep
@@ -159,7 +161,7 @@ class Component(ABC):
         """Write the outputs at ``t0`` into `y`, given the inputs `u` at ``t0``."""
 
     def enter_steps(self) -> None:  # noqa: B027 - most components need no transition
-        """End the initialisation; called once, before the first step."""
+        """Learn that the initial values are settled; called once, before the first step."""
 
     @abstractmethod
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
@@ -168,6 +170,29 @@ class Component(ABC):
     def native(self) -> NativeStep | None:
         """Return the same step as machine code, valid until `close`, or ``None`` if it needs Python."""
         return None
+
+    def linearize(self, t: float, u: Vector) -> LocalModel:
+        """Return the linear model near the present state, at `t` (s) with the inputs `u`; changes nothing.
+
+        A component without inputs acts on the others, but does not react: its model is empty.
+
+        Raises
+        ------
+        NotLinearizableError
+            If there is none.
+        """
+        if self.inputs:
+            raise NotLinearizableError("it does not say how it is linearised")
+        n_y = sum(port.size for port in self.outputs)
+        return LocalModel(
+            np.zeros((0, 0)),
+            np.zeros((0, 0)),
+            np.zeros((n_y, 0)),
+            np.zeros((n_y, 0)),
+            (),
+            (),
+            method="none needed",
+        )
 
     def save(self) -> object:
         """Return the present state; it stays valid and unchanged until `close`.
@@ -199,6 +224,7 @@ class FunctionComponent(Component):
     """A component without memory: ``y(t) = function(t, u)``.
 
     `function` returns one value per output element. Its output at ``t + h`` uses the inputs held from ``t``.
+    Without `feedthrough` every output is taken to depend on every input.
     """
 
     def __init__(
@@ -207,9 +233,11 @@ class FunctionComponent(Component):
         *,
         inputs: Sequence[Port] = (),
         outputs: Sequence[Port],
+        feedthrough: Mapping[str, Iterable[str]] | None = None,
     ) -> None:
         every = [port.name for port in inputs]
-        super().__init__(inputs, outputs, {port.name: every for port in outputs})
+        at_once = {port.name: every for port in outputs} if feedthrough is None else feedthrough
+        super().__init__(inputs, outputs, at_once)
         self._function = function
         self._t0 = 0.0
 
@@ -224,6 +252,21 @@ class FunctionComponent(Component):
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Evaluate the function at the end of the step."""
         y[:] = self._function(t + h, u)
+
+    def linearize(self, t: float, u: Vector) -> LocalModel:
+        """Return the matrix D, from central differences."""
+        D, error = central_differences(lambda v: np.asarray(self._function(t, v), dtype=np.float64), u)
+        n_y, n_u = D.shape
+        return LocalModel(
+            np.zeros((0, 0)),
+            np.zeros((0, n_u)),
+            np.zeros((n_y, 0)),
+            D,
+            (),
+            (),
+            method="central differences",
+            error=error,
+        )
 
     def save(self) -> object:
         """Return nothing: a function has no memory."""

@@ -1,40 +1,59 @@
 """The master: carries signals between components and advances them together in fixed steps.
 
-Exchange is of Jacobi type: in step ``k`` every component reads what all components had at ``t_k`` and
-writes what they have at ``t_k+1``. No component sees another one's new output, so their order cannot
-change a result.
-
-All outputs lie in one array, the bus; each component writes a slice of it. There are two buses, one
-for ``t_k`` and one for ``t_k+1``, that change places after each complete step: a step that fails leaves
-the values before it intact. Constants for inputs that are not connected lie behind the outputs, so
-that one indexed copy gathers the inputs of all components.
+The values of all outputs at ``t_k`` are one row of a table; components write the row of ``t_k+1``
+(`co_sim.kernel`). Steps are made in blocks without the interpreter; observers see each block when it is
+complete. A step that fails leaves the rows before it intact. How long a block is depends on the time
+that it takes, and changes no result.
 """
 
 from __future__ import annotations
 
 import math
+import time
+import warnings
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from co_sim.bus import build_bus, upstream_first, wiring
+from co_sim.component import StateError
+from co_sim.dependencies import looped_components
 from co_sim.errors import InputError, RunError
+from co_sim.initial import settle
+from co_sim.iterated import IteratedLoop
+from co_sim.layout import lay_out
+from co_sim.loops import CompiledLoop, InterpretedLoop
+from co_sim.snapshot import Snapshot, read_snapshot, write_snapshot
+from co_sim.watch import Watch, advice
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
     from types import TracebackType
 
-    from co_sim.bus import Bus, Part
     from co_sim.component import Component, Vector
-    from co_sim.recorder import Observer
+    from co_sim.layout import Part
+    from co_sim.loops import Failure, Loop
+    from co_sim.observers import Observer
     from co_sim.system import System
+    from co_sim.watch import Growth
 
-__all__ = ["Master", "step_count"]
+__all__ = ["CouplingWarning", "Master", "step_count"]
+
+#: Blocks are made as long as this, s: short enough for an interrupt, long enough to cost nothing.
+_BLOCK_TIME = 0.02
+_FIRST_BLOCK, _LONGEST_BLOCK = 16, 8192
+#: Values in the table of a block at most: 8 MB.
+_BLOCK_VALUES = 1_000_000
+
+
+class CouplingWarning(UserWarning):
+    """A run reached its end, but a signal was still growing without pause."""
 
 
 class Master:
-    """Runs a system with the communication step `h`.
+    """Runs a system.
 
     Use it as a context manager, or call `close`: components may hold processes, libraries and files.
 
@@ -42,32 +61,45 @@ class Master:
     ----------
     system : what to run; checked here, before any component is started.
     t0 : start time, s.
-    h : communication step, s.
+    h : communication step, s, instead of the system's own.
     observers : see the signals of each `run`, in this order; a `step` of its own is not observed.
+    quiet : do not warn of signals that still grow at the end of a run.
+    compiled : make steps without the interpreter; ``False`` makes the same steps in Python, for debugging.
 
     Raises
     ------
     InputError
-        If the system has faults (all are told), `t0` is not finite or `h` not positive.
+        If the system has faults (all are told) or `t0` is not finite.
     """
 
     def __init__(
-        self, system: System, t0: float = 0.0, h: float = 1e-3, observers: Sequence[Observer] = ()
+        self,
+        system: System,
+        t0: float = 0.0,
+        h: float | None = None,
+        observers: Sequence[Observer] = (),
+        *,
+        compiled: bool = True,
+        quiet: bool = False,
     ) -> None:
+        if h is not None:
+            system = replace(system, step=h)
         system.check()
-        _check_clock(t0, h)
+        if not math.isfinite(t0):
+            raise InputError("start time", got=f"{t0} s", expected="a finite time", remedy="correct it")
         self.system = system
         self.t0 = t0
-        self.h = h
+        self.h = system.step
         self.k = 0
         self.observers = tuple(observers)
         self.signals = system.signals
-        self._sources, constants = wiring(system)
-        self._u = np.zeros(len(self._sources))
-        self._now = build_bus(system, self._u, constants)
-        self._next = build_bus(system, self._u, constants)
-        self._finite = np.empty(len(self.signals), dtype=np.bool_)
-        self._started = False
+        self._compiled = compiled
+        self._quiet = quiet
+        self._layout = lay_out(system)
+        self._row: int = self._layout.history
+        self._rows = np.zeros((self._row + 2, len(self.signals)))
+        self._loop: Loop | None = None
+        self._begun = False
         self._closed = False
         self._resources = ExitStack()
         for name, component in system.components.items():
@@ -81,7 +113,25 @@ class Master:
     @property
     def values(self) -> Vector:
         """Present outputs in the order of `signals`, shape ``(n_signals,)``; read-only."""
-        return self._now.outputs
+        values: Vector = self._rows[self._row]
+        values.flags.writeable = False
+        return values
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The components with their places, in the order of their steps."""
+        return self._layout.parts
+
+    def inputs_of(self, name: str) -> Vector:
+        """Return the inputs of a component as they are now, without extrapolation."""
+        part = next(part for part in self._layout.parts if part.name == name)
+        u = self._layout.u.copy()
+        links, of_part = self._layout.links, slice(part.behind, part.end)
+        u[links.target[of_part]] = (
+            links.gain[of_part] * self._rows[self._row, links.source[of_part]] + links.offset[of_part]
+        )
+        begin = part.u.ctypes.data - self._layout.u.ctypes.data
+        return u[begin // u.itemsize :][: part.values.size]
 
     def start(self) -> None:
         """Start all components and settle their values at `t0`; does nothing if they are started.
@@ -96,26 +146,23 @@ class Master:
         """
         if self._closed:
             raise RuntimeError("this master is closed; build a new one")
-        if self._started:
+        if self._loop is not None:
             return
         with self._closed_on_error():
             for name, component in self.system.components.items():
-                try:
-                    component.start(self.t0, self.h)
-                except InputError:
-                    raise
-                except Exception as error:
-                    raise self._failure(name, error) from error
-            self._settle()
-            for name, component in self.system.components.items():
-                try:
-                    component.enter_steps()
-                except Exception as error:
-                    raise self._failure(name, error) from error
-        self._started = True
+                component.set_parameters(self.system.parameters_of(name))
+                period = self.system.rates.get(name, 1)
+                self._ask(name, lambda c=component, m=period: c.start(self.t0, m * self.h))  # type: ignore[misc]
+            row = self._rows[self._row]
+            row[:] = self._layout.first_row
+            settle(self.system, self._layout, row, self._exchange)
+            self._check_start(row)
+            self._loop = self._new_loop()
+            if self.system.coupling.algorithm == "iterated":
+                self.save()  # tells now which component cannot be taken back
 
     def step(self) -> None:
-        """Advance all components by `h`; starts them if need be.
+        """Advance all components by one step; starts them if need be.
 
         Raises
         ------
@@ -124,7 +171,7 @@ class Master:
         """
         self.start()
         with self._closed_on_error():
-            self._advance()
+            self._advance(1)
 
     def run(self, duration: float | None = None, *, n_steps: int | None = None) -> None:
         """Advance by `duration` or by `n_steps` and show every step to the observers.
@@ -134,15 +181,20 @@ class Master:
 
         Parameters
         ----------
-        duration : s, a multiple of `h`.
+        duration : s, a multiple of the step.
         n_steps : instead of `duration`.
 
         Raises
         ------
         InputError
-            If `h` does not divide `duration`, an observer refuses, or the values do not settle.
+            If the step does not divide `duration`, an observer refuses, or the values do not settle.
         RunError
-            If a component fails or an output is not finite.
+            If a component fails, an output is not finite, or a signal grows beyond all bounds.
+
+        Warns
+        -----
+        CouplingWarning
+            If a signal was still growing when the run ended.
         """
         if (duration is None) == (n_steps is None):
             raise TypeError("give either duration or n_steps")
@@ -152,10 +204,69 @@ class Master:
                 observer.begin(self.signals, self.time, self.h, count)
                 ends.push(_ending(observer))
             self.start()
-            self._show(0)
-            for i in range(1, count + 1):
-                self._advance()
-                self._show(i)
+            growth = self._observed(count)
+        if growth and not self._quiet:
+            warnings.warn(f"{growth}; {advice(self.system.coupling, self.h)}", CouplingWarning, stacklevel=2)
+
+    def save(self) -> Snapshot:
+        """Return the present state of the whole system, for `restore`; starts the components if need be.
+
+        It holds as long as this master is open.
+
+        Raises
+        ------
+        InputError
+            If a component cannot save its state.
+        """
+        self.start()
+        assert self._loop is not None
+        states = {}
+        for name, component in self.system.components.items():
+            with _telling_state_of(name):
+                states[name] = component.save()
+        rows = self._rows[self._row - self._layout.history : self._row + 1].copy()
+        return Snapshot(self.k, rows, self._layout.u.copy(), states, self._begun, self._loop.scale.copy())
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back, or on, to a state of `save`; may be done any number of times.
+
+        Raises
+        ------
+        InputError
+            If a component cannot restore its state.
+        """
+        self.start()
+        assert self._loop is not None
+        for name, component in self.system.components.items():
+            with _telling_state_of(name):
+                component.restore(snapshot.states[name])
+        self._row = self._layout.history
+        self._rows[: self._row + 1] = snapshot.rows
+        self._layout.u[:] = snapshot.u
+        self.k = snapshot.k
+        self._begun = snapshot.begun
+        self._loop.scale[:] = snapshot.scale
+
+    def write_state(self, path: Path) -> None:
+        """Write the present state to a file, whole or not there, for `read_state` of any process.
+
+        Raises
+        ------
+        InputError
+            If a component cannot write its state, or there is no such folder.
+        """
+        write_snapshot(path, self.save(), self.system, self.t0, self._layout.texts)
+
+    def read_state(self, path: Path) -> None:
+        """Go to the state in a file of `write_state`, made from the same system.
+
+        Raises
+        ------
+        InputError
+            If the file is not one of a system with these components, signals and step.
+        """
+        self.start()
+        self.restore(read_snapshot(path, self.system, self.t0, self._layout.texts))
 
     def close(self) -> None:
         """Close all components, the last one first; safe to call twice.
@@ -176,82 +287,115 @@ class Master:
     ) -> None:
         self._close_after(error)
 
-    def _advance(self) -> None:
-        now, following = self._now, self._next
-        t = self.time
-        self._gather()
-        name = ""
+    def _new_loop(self) -> Loop:
+        if self.system.coupling.algorithm == "iterated":
+            return IteratedLoop(self._layout, self.t0, self.h, self.system.coupling)
+        return (CompiledLoop if self._compiled else InterpretedLoop)(self._layout, self.t0, self.h)
+
+    def _observed(self, count: int) -> Growth | None:
+        """Make `count` steps in blocks that the observers see; return what was still growing at the end."""
+        watch = Watch(self.system)
+        begin = self.k
+        self._show(0, self._row, 1)
+        block = _FIRST_BLOCK
+        longest = self._longest_block()
+        while self.k < begin + count:
+            n = min(block, longest, begin + count - self.k)
+            started = time.perf_counter()
+            self._advance_and_show(n, begin)
+            newest = self._rows[self._row + 1 - n : self._row + 1]
+            diverged = watch.see(newest, self.k + 1 - n, self.t0, self.h)
+            if diverged:
+                step, growth = diverged
+                reason = f"{growth}; {advice(self.system.coupling, self.h)}"
+                name = self.signals[growth.column].component
+                raise RunError(name, time=self.t0 + step * self.h, step=step, reason=reason)
+            elapsed = time.perf_counter() - started
+            block = max(min(int(block * min(_BLOCK_TIME / max(elapsed, 1e-9), 4.0)), _LONGEST_BLOCK), 1)
+        return watch.unfinished()
+
+    def _advance_and_show(self, n: int, begin: int) -> None:
+        """Make `n` steps and show those that were complete."""
+        k = self.k
         try:
-            for name, component, u, y in following.parts:  # noqa: B007 - the name is for the except clause
-                component.step(t, self.h, u, y)
+            self._advance(n)
+        finally:
+            made = self.k - k
+            if made:
+                self._show(k + 1 - begin, self._row - made + 1, made)
+
+    def _advance(self, n: int) -> None:
+        """Make `n` steps; if one fails, those before it are complete."""
+        self._make_room(n)
+        if not self._begun:
+            for name, component in self.system.components.items():
+                self._ask(name, component.enter_steps)
+            self._begun = True
+        assert self._loop is not None
+        made, failure = self._loop.advance(self._rows, self._row, self.k, n)
+        self._row += made
+        self.k += made
+        if failure:
+            raise self._error_of(failure)
+
+    def _make_room(self, n: int) -> None:
+        """Have `n` rows below the present one, and its history above."""
+        if self._row + n < len(self._rows):
+            return
+        history = self._layout.history
+        kept = self._rows[self._row - history : self._row + 1].copy()
+        if history + 1 + n > len(self._rows):
+            self._rows = np.zeros((history + 1 + n, len(self.signals)))
+        self._rows[: history + 1] = kept
+        self._row = history
+
+    def _longest_block(self) -> int:
+        """Return how many steps may be made at once, for memory and for the observers."""
+        wanted: list[int | None] = [getattr(observer, "max_block", None) for observer in self.observers]
+        return min([_BLOCK_VALUES // max(len(self.signals), 1) + 1, *(n for n in wanted if n is not None)])
+
+    def _show(self, i: int, row: int, n: int) -> None:
+        values = self._rows[row : row + n]
+        values.flags.writeable = False
+        times = (self.t0 + np.arange(self.k - n + 1, self.k + 1) * self.h).astype(np.float64, copy=False)
+        for observer in self.observers:
+            observer.observe(i, times, values)
+
+    def _exchange(self, part: Part, row: Vector) -> None:
+        self._ask(part.name, lambda: part.component.exchange(part.values, row[part.y]))
+
+    def _check_start(self, row: Vector) -> None:
+        wrong = np.flatnonzero(~np.isfinite(row))
+        if wrong.size:
+            raise self._not_finite(int(wrong[0]), row, self.t0)
+
+    def _ask(self, name: str, call: Callable[[], object]) -> None:
+        """Call a component; its exceptions become errors of the run."""
+        try:
+            call()
+        except InputError:
+            raise
         except Exception as error:
             raise self._failure(name, error) from error
-        self._check_finite(following, t + self.h)
-        self._now, self._next = following, now
-        self.k += 1
 
-    def _gather(self) -> None:
-        # All indices are valid; mode "clip" only spares numpy a second copy.
-        self._now.values.take(self._sources, out=self._u, mode="clip")
+    def _error_of(self, failure: Failure) -> BaseException:
+        part, error = failure
+        if error is None:
+            row = self._rows[self._row + 1]
+            wrong = part.y.start + int(np.flatnonzero(~np.isfinite(row[part.y]))[0])
+            return self._not_finite(wrong, row, self.time + self.h)
+        if not isinstance(error, Exception):
+            return error
+        run_error = self._failure(part.name, error)
+        run_error.__cause__ = error
+        return run_error
 
-    def _show(self, i: int) -> None:
-        t, outputs = self.time, self._now.outputs
-        for observer in self.observers:
-            observer.observe(i, t, outputs)
-
-    def _settle(self) -> None:
-        """Sweep until no output changes.
-
-        Components are swept in the order of their connections, so that each sees what feeds it, and only
-        in a loop the start values of its inputs. A component can be passed more than once, so signals
-        count, not components; the last sweep only confirms.
-        """
-        order = upstream_first(self.system)
-        parts = sorted(self._now.parts, key=lambda part: order.index(part.name))
-        for _ in range(len(self.signals) + 1):
-            before = self._now.outputs.copy()
-            self._sweep(parts)
-            if np.array_equal(self._now.outputs, before, equal_nan=True):
-                self._check_finite(self._now, self.t0)
-                return
-        changing = {self.signals[i].name for i in np.flatnonzero(self._now.outputs != before)}
-        names = ", ".join(sorted(self._loop(changing) or changing))
-        raise InputError(
-            "initial values",
-            got=f"{names} still changing after {len(self.signals) + 1} sweeps",
-            expected="outputs that do not depend on themselves at the same time",
-            remedy="break the algebraic loop with a component whose output does not follow its input at once",
-        )
-
-    def _sweep(self, parts: Sequence[Part]) -> None:
-        for name, component, u, y in parts:
-            self._gather()
-            try:
-                component.exchange(u, y)
-            except Exception as error:
-                raise self._failure(name, error) from error
-
-    def _loop(self, names: set[str]) -> set[str]:
-        """Return the changing signals without those that only follow the loop and feed nothing in it."""
-        while True:
-            components = {name.partition(".")[0] for name in names}
-            feeding = {
-                c.source
-                for c in self.system.connections
-                if c.source in names and c.target.partition(".")[0] in components
-            }
-            if feeding == names:
-                return names
-            names = feeding
-
-    def _check_finite(self, bus: Bus, t: float) -> None:
-        np.isfinite(bus.outputs, out=self._finite)
-        # A search for a zero byte takes a third of the time of numpy's all().
-        if b"\0" in self._finite.tobytes():
-            i = int(np.argmin(self._finite))
-            signal = self.signals[i]
-            reason = f"{signal.name} became {bus.outputs[i]} at t = {t:g} s"
-            raise RunError(signal.component, time=self.time, step=self.k, reason=reason)
+    def _not_finite(self, column: int, row: Vector, t: float) -> RunError:
+        signal = self.signals[column]
+        reason = f"{signal.name} became {row[column]} at t = {t:g} s"
+        if self.k > 0 and signal.component in looped_components(self.system):
+            reason += f"; {advice(self.system.coupling, self.h)}"
+        return RunError(signal.component, time=self.time, step=self.k, reason=reason)
 
     def _failure(self, name: str, error: Exception) -> RunError:
         # A ValueError of ours is a whole sentence; other exceptions say little without their type.
@@ -282,6 +426,19 @@ class Master:
             error.add_note(f"while closing: {second}")
 
 
+@contextmanager
+def _telling_state_of(name: str) -> Iterator[None]:
+    try:
+        yield
+    except StateError as error:
+        raise InputError(
+            f"state of {name}",
+            got=str(error),
+            expected="a component whose state can be saved and restored",
+            remedy="use another component, or another algorithm",
+        ) from error
+
+
 def step_count(duration: float, h: float) -> int:
     """Return how many steps of `h` make `duration` (both s).
 
@@ -309,13 +466,6 @@ def _checked_count(n_steps: int | None) -> int:
     if not isinstance(n_steps, int) or n_steps < 0:
         raise InputError("n_steps", got=repr(n_steps), expected="a whole number >= 0", remedy="correct it")
     return n_steps
-
-
-def _check_clock(t0: float, h: float) -> None:
-    if not math.isfinite(t0):
-        raise InputError("t0", got=f"{t0} s", expected="a finite time", remedy="use 0")
-    if not (math.isfinite(h) and h > 0.0):
-        raise InputError("h", got=f"{h} s", expected="a finite step > 0 s", remedy="use 1e-3, for example")
 
 
 def _ending(observer: Observer) -> Callable[..., None]:

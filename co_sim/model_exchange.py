@@ -7,16 +7,19 @@ from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
+from co_sim.component import Port
 from co_sim.errors import Fault, InputError
-from co_sim.exchange_binding import METHODS, ExchangeBinding, Integration
+from co_sim.exchange_binding import METHODS, ExchangeBinding, Integration, is_smooth
 from co_sim.exchange_model import ExchangeModel, model_type
 from co_sim.exchange_point import PresentPoint
 from co_sim.fmu import FmuComponent
+from co_sim.local_model import LocalModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from co_sim.component import Vector
     from co_sim.fmi import Slave
     from co_sim.fmu import ContinuousState
     from co_sim.fmu_parameters import Value
@@ -91,12 +94,54 @@ class ExchangeFmu(FmuComponent):
         super().start(t0, h)
 
     def enter_steps(self) -> None:
-        """End initialisation mode and settle the discrete states."""
-        self._exchange_binding.enter_steps()
+        """End initialisation mode and settle the discrete states, unless that has been done."""
+        if not self._exchange_binding.table["running"]:
+            self._exchange_binding.enter_steps()
 
     def point(self) -> PresentPoint:
         """Return the present point, after `enter_steps`: states to be moved, derivatives to be read."""
         return PresentPoint(cast("ExchangeModel", self._running), self._exchange_binding)
+
+    def linearize(self, t: float, u: Vector) -> LocalModel:
+        """Return the linear model near the present point, from the FMU's own derivatives where it has them.
+
+        Inputs that change at events only have columns of zeros. Before the first step this ends
+        initialisation mode.
+        """
+        self.enter_steps()
+        directional = self._move if self._has_directional_derivatives else None
+        J, error = self.point().jacobian(np.array(u[: self._n_inputs]), directional)
+        n = J.shape[1] - self._n_inputs
+        named = [(name, s.unit) for s in self.states for name in Port(s.name, shape=s.shape).elements]
+        return LocalModel(
+            J[:n, :n],
+            J[:n, n:],
+            J[n:, :n],
+            J[n:, n:],
+            tuple(name for name, _ in named),
+            tuple(unit for _, unit in named),
+            method="directional derivatives" if directional else "central differences",
+            error=error,
+        )
+
+    @property
+    def _n_inputs(self) -> int:
+        return sum(port.size for port in self.inputs)
+
+    @property
+    def _has_directional_derivatives(self) -> bool:
+        """Whether the FMU gives the derivatives of all that is wanted, the outputs included."""
+        declared = {unknown.variable.name for unknown in self._description.outputs}
+        return bool(self._interface.providesDirectionalDerivative) and all(
+            port.kind == "float64" and port.name in declared for port in self.outputs
+        )
+
+    def _move(self, seed: Vector) -> Vector:
+        """Return how derivatives and outputs change in a direction of states and moving inputs."""
+        unknowns = [*(state.derivative for state in self.states), *(port.name for port in self.outputs)]
+        smooth = [port.name for port in self.inputs if is_smooth(port)]
+        knowns = [*(state.name for state in self.states), *smooth]
+        return cast("Vector", self.directional_derivative(unknowns, knowns, seed))
 
     def _adapter(self) -> type[Slave]:
         return model_type(self._path, self._description)

@@ -20,6 +20,8 @@ from co_sim.errors import InputError, RunError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy as np
+    from numpy.typing import NDArray
     from rich.progress import Progress
 
     from co_sim.component import Vector
@@ -121,15 +123,13 @@ class _ProgressBar:
     def __init__(self, bar: Progress, steps: int) -> None:
         self._bar = bar
         self._task = bar.add_task("Co-simulation", total=steps)
-        self._every = max(steps // 200, 1)
 
     def begin(self, signals: Sequence[Signal], t0: float, h: float, n_steps: int) -> None:
         """Nothing to prepare: the bar spans all runs."""
 
-    def observe(self, k: int, t: float, bus: Vector) -> None:
-        """Move on, now and then."""
-        if k % self._every == 0 and k > 0:
-            self._bar.advance(self._task, self._every)
+    def observe(self, k: int, time: Vector, values: NDArray[np.float64]) -> None:
+        """Move on by the steps of a block; the first row of a run is no step."""
+        self._bar.advance(self._task, len(time) if k > 0 else 0)
 
     def end(self, error: BaseException | None) -> None:
         """Leave the bar where it is for the next run."""

@@ -1,4 +1,4 @@
-"""Small FMUs, built once a session for both versions of FMI."""
+"""Small FMUs, built once a session for both versions of FMI, and a compiled loop over one component."""
 
 import inspect
 import re
@@ -8,8 +8,12 @@ import zipfile
 from pathlib import Path
 
 import fmpy
+import numba
+import numpy as np
 import pytest
 from fmpy import fmi2, fmi3
+
+from co_sim.native import STEP, caller
 
 _UNITS = '<UnitDefinitions><Unit name="s"><BaseUnit s="1"/></Unit><Unit name="V"/></UnitDefinitions>'
 _STATUSES = [("ok", 0), ("warning", 1), ("discard", 2), ("error", 3), ("fatal", 4), ("terminate", 5)]
@@ -136,3 +140,46 @@ def parrots(tmp_path_factory) -> dict[int, Path]:
 @pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])
 def parrot(request, parrots) -> Path:
     return parrots[request.param]
+
+
+_call = caller(STEP)
+
+
+@numba.njit(nogil=True)
+def _loop(address, data, t0, h, u, rows):
+    for k in range(u.shape[0]):
+        status = _call(address, (t0 + k * h, h, u[k].ctypes.data, rows[k].ctypes.data, data))
+        if status != 0:
+            return status
+    return 0
+
+
+def _outputs(component, n):
+    return np.full((n, sum(port.size for port in component.outputs)), np.nan)
+
+
+@pytest.fixture(scope="session")
+def run_native():
+    """Step a started component through the rows of `u` in machine code; its outputs, row by row."""
+
+    def run(component, u, t0=0.0, h=0.1):
+        rows = _outputs(component, len(u))
+        status = _loop(*component.native(), t0, h, np.ascontiguousarray(u, dtype=np.float64), rows)
+        if status:
+            raise component.failure(status)
+        return rows
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def run_python():
+    """Do the same step by step in the interpreter."""
+
+    def run(component, u, t0=0.0, h=0.1):
+        rows = _outputs(component, len(u))
+        for k, row in enumerate(np.array(u, dtype=np.float64)):
+            component.step(t0 + k * h, h, row, rows[k])
+        return rows
+
+    return run

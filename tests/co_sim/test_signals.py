@@ -1,4 +1,6 @@
+import copy
 import math
+from bisect import bisect_right
 
 import numpy as np
 import pytest
@@ -6,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from co_sim import Constant, InputError, Master, Port, Recorder, System, TimeTable
+from co_sim.component import StateError
+from co_sim.texts import number_of
 
 PORT = [Port("y", "m")]
 
@@ -88,3 +92,118 @@ def test_faulty_tables_are_refused(times, values, ports, interpolation, expected
 def test_a_constant_needs_a_value_for_each_port():
     with pytest.raises(InputError, match="one value for each of 1 ports"):
         Constant([1.0, 2.0], PORT)
+
+
+def first_values(component):
+    y = np.full(sum(port.size for port in component.outputs), np.nan)
+    component.start(0.0, 0.1)
+    component.exchange(np.empty(0), y)
+    return y
+
+
+def test_constants_of_every_kind_are_carried_as_numbers():
+    ports = [
+        Port("text", kind="string"),
+        Port("on", kind="boolean"),
+        Port("count", kind="uint8"),
+        Port("big", kind="int64"),
+        Port("level", kind="enumeration"),
+        Port("names", kind="string", shape=(2,)),
+        Port("matrix", shape=(2, 2)),
+    ]
+    values = ["dry rail", True, 255, -(2**53), 3, ["a", "b"], np.array([[1.0, 2.0], [3.0, 4.0]])]
+    texts = [number_of("dry rail"), number_of("a"), number_of("b")]
+    expected = [texts[0], 1.0, 255.0, -(2.0**53), 3.0, *texts[1:], 1.0, 2.0, 3.0, 4.0]
+    np.testing.assert_array_equal(first_values(Constant(values, ports)), expected)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "expected"),
+    [
+        ("float64", math.inf, "got inf, expected a finite number"),
+        ("float64", "one", "got 'one', expected a number"),
+        ("int32", 1.5, "got 1.5, expected a whole number from -2147483648"),
+        ("int32", math.nan, "got nan, expected a whole number"),
+        ("uint8", 256, "expected a whole number from 0 to 255"),
+        ("int64", 2**53 + 1, "to 9007199254740992"),
+        ("uint64", -1, "from 0 to 9007199254740992"),
+        ("boolean", 2, "got 2, expected True or False"),
+        ("string", 1, "got 1, expected a text"),
+        ("float64", [1.0, 2.0], r"got shape \(2,\), expected shape \(\)"),
+    ],
+)
+def test_a_constant_of_another_kind_is_refused(kind, value, expected):
+    with pytest.raises(InputError, match=f'value of "y": .*{expected}'):
+        Constant([value], [Port("y", kind=kind)])
+
+
+def test_all_faulty_constants_are_told_together():
+    with pytest.raises(InputError) as error:
+        Constant([math.nan, "x"], [Port("a"), Port("b")])
+    assert len(error.value.faults) == 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "interpolation", "expected"),
+    [
+        ("int8", [1.0, 200.0], "hold", "got 200, expected a whole number from -128 to 127"),
+        ("int8", [1.0, 2.0], "linear", "int8, linear, expected a floating-point kind"),
+        ("boolean", [1.0, 0.5], "hold", "got 0.5, expected True or False"),
+        ("string", [1.0, 2.0], "hold", "expected a text"),
+    ],
+)
+def test_a_table_of_another_kind_is_refused(kind, values, interpolation, expected):
+    with pytest.raises(InputError, match=expected):
+        TimeTable([0.0, 1.0], values, [Port("y", kind=kind)], interpolation)
+
+
+def test_a_table_serves_array_ports(run_native):
+    ports = [Port("a", shape=(2,)), Port("on", kind="boolean")]
+    table = TimeTable([0.0, 1.0], [[1.0, 2.0, False], [3.0, 4.0, True]], ports)
+    table.start(0.0, 1.0)
+    np.testing.assert_array_equal(run_native(table, np.empty((1, 0)), h=1.0), [[3.0, 4.0, 1.0]])
+
+
+def looked_up(times, values, interpolation, t, h):
+    """The definition of a table in plain Python, in the order of operations that is promised."""
+    i = max(bisect_right(times, t + 1e-6 * h) - 1, 0)
+    if interpolation == "linear" and i + 1 < len(times):
+        slope = (values[i + 1] - values[i]) / (times[i + 1] - times[i])
+    else:
+        slope = 0.0
+    return slope * max(t - times[i], 0.0) + values[i]
+
+
+@given(
+    st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=40, unique=True),
+    st.sampled_from(["hold", "linear"]),
+    st.floats(-5.0, 5.0),
+    st.sampled_from([0.1, 0.01, 1.0 / 3.0]),
+)
+def test_machine_code_interpreter_and_definition_agree_bit_for_bit(
+    run_native, run_python, ticks, interpolation, t0, h
+):
+    times = sorted(ticks)
+    values = [math.cos(5.0 * t) for t in times]
+    table = TimeTable(times, values, PORT, interpolation)
+    table.start(t0, h)
+    u = np.empty((30, 0))
+    native = run_native(table, u, t0=t0, h=h)
+    np.testing.assert_array_equal(native, run_python(table, u, t0=t0, h=h))
+    expected = [looked_up(times, values, interpolation, (t0 + k * h) + h, h) for k in range(30)]
+    np.testing.assert_array_equal(native[:, 0], expected)
+
+
+@pytest.mark.parametrize("source", [Constant([2.0], PORT), TimeTable([0.0, 1.0], [2.0, 3.0], PORT)])
+def test_a_source_has_no_inputs_no_memory_and_independent_copies(run_native, source):
+    assert source.feedthrough == {}
+    twin = copy.deepcopy(source)
+    with pytest.raises(StateError, match="not started"):
+        source.native()
+    source.start(0.0, 0.5)
+    twin.start(0.0, 0.5)
+    twin.restore(twin.deserialize(source.serialize(source.save())))
+    source.close()
+    source.close()
+    del source
+    assert run_native(twin, np.empty((1, 0)), h=0.5) == 2.0

@@ -7,6 +7,7 @@ import numba
 import numpy as np
 import pytest
 
+from co_sim import Master, Recorder, System
 from co_sim.component import StateError
 from co_sim.errors import InputError
 from co_sim.fmi import FmuError
@@ -362,6 +363,43 @@ def test_the_present_point_can_be_moved_and_read(fmu):
         x, v = 1.0, -1.0
         (row,) = steps(part, [0], h=1e-3, t0=2.0)
         np.testing.assert_allclose(row, [x + 1e-3 * v], atol=1e-5)
+
+
+def test_the_linear_model_of_the_oscillator(fmu):
+    part = oscillator(fmu("oscillator"), w=3.0, inputs=["d", "u"], outputs=["v", "total"])
+    part.start(0.0, 0.1)
+    try:
+        part.exchange(np.array([0.0, 1.5]), np.zeros(2))
+        model = part.linearize(0.0, np.array([0.0, 1.5]))
+        part.enter_steps()
+    finally:
+        part.close()
+    assert model.states == ("x", "v")
+    assert model.state_units == ("m", "m/s")
+    for matrix, expected in (
+        (model.A, [[0, 1], [-9, 0]]),
+        (model.B, [[0, 0], [0, 1]]),
+        (model.C, [[0, 1], [1, 0]]),
+        (model.D, [[0, 0], [0, 1]]),
+    ):
+        np.testing.assert_allclose(matrix, expected, rtol=0, atol=1e-8)
+
+
+def test_a_master_runs_saves_and_restores_it(build):
+    rows = []
+    for version in (2, 3):
+        part = oscillator(build("oscillator", version), w=1.0, x0=0.0, substep=0.02)
+        recorder = Recorder()
+        with Master(System({"part": part}), h=0.1, observers=[recorder]) as master:
+            master.run(n_steps=20)
+            state = master.save()
+            master.run(n_steps=20)
+            end = recorder.table[-1].copy()
+            master.restore(state)
+            master.run(n_steps=20)
+            np.testing.assert_array_equal(recorder.table[-1], end)
+        rows.append(end)
+    np.testing.assert_array_equal(*rows)
 
 
 def test_faults_are_told_together(fmu):

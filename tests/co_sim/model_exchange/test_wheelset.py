@@ -67,26 +67,22 @@ def test_saved_states_go_on_bit_for_bit(path):
         np.testing.assert_array_equal(steps(part, range(50, 100)), first)
 
 
-def test_directional_derivatives_agree_with_central_differences(path):
+def test_the_linear_model_from_directional_derivatives_is_that_from_central_differences(path, monkeypatch):
     outputs = ["adhesion_used", "left.creep_force_x", "lateral_acceleration"]
     parameters = {"drive_mode": "torque_driven"}
     part = ExchangeFmu(path, inputs=INPUTS, outputs=outputs, parameters=parameters, substep=2e-4)
     with started(part):
         steps(part, range(60))
-        point = part.point()
-        known = [*(state.name for state in part.states), *INPUTS]
-        unknown = [*(state.derivative for state in part.states), *outputs]
-        exact = np.array([part.directional_derivative(unknown, known, seed) for seed in np.eye(12)]).T
-        x, u = point.states(), excitation(59)
-
-        def evaluate(w):
-            point.set_states(w[: x.size])
-            point.set_inputs(w[x.size :])
-            return np.concatenate([point.derivatives(), point.outputs()])
-
-        w = np.concatenate([x, u])
-        scale = np.concatenate([point.nominals(), [1e-3, 1e3, 1e3, 0.1]])
-        columns = [(evaluate(w + d) - evaluate(w - d)) / (2 * d.sum()) for d in np.diag(1e-5 * scale)]
-    numeric = np.array(columns).T
-    size = np.abs(exact * scale).max(1, keepdims=True) + 1e-9
-    np.testing.assert_allclose(numeric * scale / size, exact * scale / size, rtol=0, atol=1e-6)
+        state = part.save()
+        after = steps(part, range(60, 80))
+        part.restore(state)
+        exact = part.linearize(60 * H, excitation(60))
+        monkeypatch.setattr(ExchangeFmu, "_has_directional_derivatives", False)
+        numeric = part.linearize(60 * H, excitation(60))
+        np.testing.assert_array_equal(steps(part, range(60, 80)), after)  # nothing has changed
+    assert (exact.method, numeric.method) == ("directional derivatives", "central differences")
+    assert exact.states == tuple(state.name for state in part.states)
+    for name in "ABCD":
+        expected = getattr(exact, name)
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(getattr(numeric, name), expected, rtol=0, atol=1e-6 * size)

@@ -1,0 +1,123 @@
+"""The loops that advance a system: compiled, and step by step in the interpreter.
+
+Both make the same steps from the same rows with the same arithmetic; they give the same bits. The
+interpreted one is there to be read, to be debugged in, and to be compared with.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from co_sim.callback import Callback
+from co_sim.kernel import NOT_FINITE, advance, gather
+from co_sim.native import NativeComponent
+
+if TYPE_CHECKING:
+    from co_sim.component import Vector
+    from co_sim.kernel import Matrix
+    from co_sim.layout import Layout, Part
+
+__all__ = ["CompiledLoop", "Failure", "InterpretedLoop", "Loop", "feed"]
+
+
+class Failure(NamedTuple):
+    """What ended a loop early: a part, and its error; ``None`` means an output that is not finite."""
+
+    part: Part
+    error: BaseException | None
+
+
+class Loop(Protocol):
+    """Something that advances a system; `scale` is what it remembers of the past beyond the rows."""
+
+    scale: Vector
+
+    def advance(self, rows: Matrix, row: int, k: int, n: int) -> tuple[int, Failure | None]:
+        """Make `n` steps from step `k`, whose values are in `row`; return the steps made, and what failed."""
+
+
+class CompiledLoop:
+    """Makes steps in machine code, for components that are started."""
+
+    def __init__(self, layout: Layout, t0: float, h: float) -> None:
+        self._layout, self._t0, self._h = layout, t0, h
+        self.scale = np.empty(0)
+        self._table = layout.table()
+        self._callbacks: dict[str, Callback] = {}
+        for row, part in zip(self._table, layout.parts, strict=True):
+            native = part.component.native()
+            if native is None:
+                self._callbacks[part.name] = Callback(part.component, part.u, part.y.stop - part.y.start)
+                native = self._callbacks[part.name].native
+            row[:2] = native
+
+    def advance(self, rows: Matrix, row: int, k: int, n: int) -> tuple[int, Failure | None]:
+        """Make `n` steps without the interpreter, except for the components that need it."""
+        layout = self._layout
+        made, status, j = advance(rows, row, k, n, self._t0, self._h, self._table, layout.links, layout.u)
+        if status == 0:
+            return made, None
+        part = layout.parts[j]
+        return made, Failure(part, None if status == NOT_FINITE else self._error(part, status))
+
+    def _error(self, part: Part, status: int) -> BaseException:
+        callback = self._callbacks.get(part.name)
+        if callback is not None and callback.error is not None:
+            return callback.error
+        if isinstance(part.component, NativeComponent):
+            return part.component.failure(status)
+        return RuntimeError(f"its step returned the status {status}")
+
+
+class InterpretedLoop:
+    """Makes steps in Python."""
+
+    def __init__(self, layout: Layout, t0: float, h: float) -> None:
+        self._layout, self._t0, self._h = layout, t0, h
+        self.scale = np.empty(0)
+
+    def advance(self, rows: Matrix, row: int, k: int, n: int) -> tuple[int, Failure | None]:
+        """Make `n` steps in Python."""
+        for i in range(n):
+            failure = self._step(rows, row + i, k + i)
+            if failure:
+                return i, failure
+        return n, None
+
+    def _step(self, rows: Matrix, row: int, k: int) -> Failure | None:
+        layout, h = self._layout, self._h
+        for part in layout.parts:
+            period = part.period
+            if k % period == 0:
+                feed(layout, part, rows, row, k, k, h, part.behind, part.ahead)
+            y = rows[row + 1, part.y]
+            if (k + 1) % period != 0:
+                y[:] = rows[row, part.y]
+                continue
+            first = k + 1 - period
+            if part.ahead < part.end:
+                feed(layout, part, rows, row + 1, k + 1, first, h, part.ahead, part.end)
+            try:
+                part.component.step(self._t0 + first * h, period * h, part.u, y)
+            except BaseException as error:
+                return Failure(part, error)
+            if not np.isfinite(y).all():
+                return Failure(part, None)
+        return None
+
+
+def feed(
+    layout: Layout,
+    part: Part,
+    rows: Matrix,
+    row: int,
+    k: int,
+    begin: int,
+    h: float,
+    first: int,
+    last: int,
+) -> None:
+    """Set the inputs of a part from row `row` at step `k`, for its step that begins at step `begin`."""
+    gather(rows, row, k, begin, part.period, h, layout.links, first, last, part.derived, layout.u)
