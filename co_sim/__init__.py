@@ -1,6 +1,6 @@
 """A master for fixed-step co-simulation of FMUs and components written in Python."""
 
-from co_sim.compiled import CompiledComponent, compiled
+from co_sim.compiled_component import CompiledComponent, compiled
 from co_sim.component import Component, FunctionComponent, Port
 from co_sim.coupling import Coupling
 from co_sim.coupling_check import CouplingCheck, check_coupling

@@ -5,8 +5,7 @@ The life of a component, in this order::
     start(t0, h) -> exchange(u, y)* -> enter_steps() -> step(t, h, u, y)* -> close()
 
 `exchange` is called during initialisation only, as often as the master needs to settle the values
-that components pass to each other at ``t0``; the same `u` must give the same `y` each time. `enter_steps`
-ends the initialisation: the inputs of the last `exchange` are those at ``t0``. `close` is
+that components pass to each other at ``t0``; the same `u` must give the same `y` each time. `close` is
 called on every path, also after a failure, and may be called when `start` was not reached. Any
 exception raised by a component ends the run. A closed component can be started again, and a copy
 (`copy.deepcopy`) of one that is not started is independent of it: that is how one description runs

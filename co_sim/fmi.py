@@ -16,13 +16,13 @@ from ctypes import cast as cast_pointer
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, ClassVar, cast
-from xml.etree import ElementTree
 
 import fmpy
 from fmpy import fmi2, fmi3
 from fmpy.model_description import read_model_description
 
 from co_sim.errors import InputError
+from co_sim.fmi_description import complete
 from co_sim.fmi_values import write
 
 if TYPE_CHECKING:
@@ -163,8 +163,6 @@ class Slave(ABC):
 
     def restore(self, pointer: int, *, is_stepping: bool) -> None:
         """Return to a state; that is allowed after any failure but a fatal one."""
-        if self._worst >= _FATAL:
-            raise FmuError("after a fatal error no call is allowed")
         self._free_states()
         self._call(f"Set{self.state}", c_void_p(pointer))
         self.is_stepping = is_stepping
@@ -241,6 +239,8 @@ class Slave(ABC):
                 self._call(f"Free{self.state}", byref(c_void_p(pointer)))
 
     def _call(self, name: str, *arguments: object) -> None:
+        if self._worst >= _FATAL:
+            raise FmuError("after a fatal error no call is allowed")
         self.check(name, getattr(self._fmu.dll, self.prefix + name)(self._fmu.component, *arguments))
 
     def _last_words(self) -> str:
@@ -385,7 +385,7 @@ def read_description(path: Path) -> ModelDescription:
     try:
         description = read_model_description(path)
         if description.fmiMajorVersion == 3:
-            _complete(description, path)
+            complete(description, path)
     except Exception as error:
         raise InputError(
             f"FMU {path}",
@@ -394,29 +394,6 @@ def read_description(path: Path) -> ModelDescription:
             remedy="check the path, then the archive with `fmpy validate`",
         ) from error
     return description
-
-
-def _complete(description: ModelDescription, path: Path) -> None:
-    """Add what fmpy leaves out of a description for FMI 3."""
-    with zipfile.ZipFile(path) as archive:
-        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
-    for kind, interface in (
-        ("CoSimulation", description.coSimulation),
-        ("ModelExchange", description.modelExchange),
-    ):
-        element = root.find(kind)
-        if element is not None:
-            provided = element.get("providesDirectionalDerivatives") in {"true", "1"}
-            interface.providesDirectionalDerivative = provided
-    elements = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
-    for variable in description.modelVariables:
-        element = elements.get(variable.name)
-        if element is None:
-            continue
-        if variable.type.startswith("UInt"):
-            variable.min, variable.max = element.get("min"), element.get("max")
-        if variable.type == "String" and variable.dimensions:
-            variable.start = [start.get("value", "") for start in element.iterfind("Start")] or None
 
 
 def unpack(path: Path, folder: str) -> None:

@@ -28,7 +28,7 @@ do_step3 = caller(_int(_pointer, _double, _double, _int, _pointer, _pointer, _po
 _SET, _GET = at.HEADER, at.HEADER + at.ROW
 
 
-@njit(cache=True)
+@njit()
 def failing(table: Any, action: int, status: int) -> int:
     """Take note of the status of a call that ends the step by `action`."""
     table[at.STATUS] = status

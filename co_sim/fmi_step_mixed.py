@@ -30,7 +30,7 @@ _int32, _uint32 = pointer_to(types.int32), pointer_to(types.uint32)
 _uint64 = pointer_to(types.uint64)
 
 
-@njit(cache=True)
+@njit()
 def _outcome(table: Any, action: int, status: int) -> int:
     """Return how a call that returned `status` ends the step: 0 after ok and warning."""
     if 0 <= status <= 1:
@@ -38,102 +38,76 @@ def _outcome(table: Any, action: int, status: int) -> int:
     return failing(table, action, status)
 
 
-@njit(cache=True)
-def _unfit_input(u: Any, positions: Any, n: int, code: int, low: int, high: int) -> int:
-    """Return the index of the first value that does not fit its type, or -1."""
-    for i in range(n):
-        x = u[positions[i]]
-        if code == at.FLOAT32:
-            if abs(x) > _LARGEST and not math.isinf(x):
-                return i
-        elif not (low <= x <= high and x == math.floor(x)):
-            return i
-    return -1
-
-
-@njit(cache=True)
-def _gather(u: Any, positions: Any, n: int, values: Any) -> None:
-    for i in range(n):
-        values[i] = u[positions[i]]
-
-
-@njit(cache=True)
-def _fill(u: Any, positions: Any, n: int, code: int, address: int) -> None:
-    """Write inputs into the buffer of their type."""
+@njit()
+def _fits(x: float, code: int, low: int, high: int) -> bool:
+    """Tell whether a type can hold an input."""
     if code == at.FLOAT64:
-        _gather(u, positions, n, doubles_at(address))
+        return True
+    if code == at.FLOAT32:
+        return not (_LARGEST < abs(x) < math.inf)
+    return low <= x <= high and x == math.floor(x)
+
+
+@njit()
+def _store(address: int, i: int, code: int, x: float) -> None:
+    """Write an input that fits into the buffer of its type."""
+    if code == at.FLOAT64:
+        doubles_at(address)[i] = x
     elif code == at.FLOAT32:
-        _gather(u, positions, n, _float32(address))
+        _float32(address)[i] = x
     elif code == at.INT8:
-        _gather(u, positions, n, _int8(address))
+        _int8(address)[i] = x
     elif code in (at.UINT8, at.BOOLEAN8):
-        _gather(u, positions, n, _uint8(address))
+        _uint8(address)[i] = x
     elif code == at.INT16:
-        _gather(u, positions, n, _int16(address))
+        _int16(address)[i] = x
     elif code == at.UINT16:
-        _gather(u, positions, n, _uint16(address))
+        _uint16(address)[i] = x
     elif code in (at.INT32, at.BOOLEAN32):
-        _gather(u, positions, n, _int32(address))
+        _int32(address)[i] = x
     elif code == at.UINT32:
-        _gather(u, positions, n, _uint32(address))
+        _uint32(address)[i] = x
     else:  # Up to 2**53, both 64-bit types look alike.
-        _gather(u, positions, n, integers_at(address))
+        integers_at(address)[i] = x
 
 
-@njit(cache=True)
-def _spread(values: Any, positions: Any, n: int, y: Any) -> None:
-    for i in range(n):
-        y[positions[i]] = values[i]
+@njit()
+def _is_exact(address: int, i: int, code: int) -> bool:
+    """Tell whether a float64 can hold an output for certain."""
+    if code == at.INT64:
+        return bool(-at.EXACT <= integers_at(address)[i] <= at.EXACT)
+    return code != at.UINT64 or bool(_uint64(address)[i] <= types.uint64(at.EXACT))
 
 
-@njit(cache=True)
-def _spread_booleans(values: Any, positions: Any, n: int, y: Any) -> None:
-    for i in range(n):
-        y[positions[i]] = 1.0 if values[i] else 0.0
-
-
-@njit(cache=True)
-def _unfit_output(address: int, code: int, n: int) -> int:
-    """Return the index of the first whole number that a float64 might round, or -1."""
-    signed, unsigned = integers_at(address), _uint64(address)
-    for i in range(n):
-        if code == at.UINT64:
-            fits = unsigned[i] <= types.uint64(at.EXACT)
-        else:
-            fits = -at.EXACT <= signed[i] <= at.EXACT
-        if not fits:
-            return i
-    return -1
-
-
-@njit(cache=True)
-def _empty(y: Any, positions: Any, n: int, code: int, address: int) -> None:
-    """Write outputs from the buffer of their type."""
+@njit()
+def _load(address: int, i: int, code: int) -> float:
+    """Return an output that is exact from the buffer of its type."""
     if code == at.FLOAT64:
-        _spread(doubles_at(address), positions, n, y)
+        x = float(doubles_at(address)[i])
     elif code == at.FLOAT32:
-        _spread(_float32(address), positions, n, y)
+        x = float(_float32(address)[i])
     elif code == at.INT8:
-        _spread(_int8(address), positions, n, y)
+        x = float(_int8(address)[i])
     elif code == at.UINT8:
-        _spread(_uint8(address), positions, n, y)
+        x = float(_uint8(address)[i])
     elif code == at.INT16:
-        _spread(_int16(address), positions, n, y)
+        x = float(_int16(address)[i])
     elif code == at.UINT16:
-        _spread(_uint16(address), positions, n, y)
+        x = float(_uint16(address)[i])
     elif code == at.INT32:
-        _spread(_int32(address), positions, n, y)
+        x = float(_int32(address)[i])
     elif code == at.UINT32:
-        _spread(_uint32(address), positions, n, y)
+        x = float(_uint32(address)[i])
     elif code == at.BOOLEAN8:
-        _spread_booleans(_uint8(address), positions, n, y)
+        x = 1.0 if _uint8(address)[i] else 0.0
     elif code == at.BOOLEAN32:
-        _spread_booleans(_int32(address), positions, n, y)
+        x = 1.0 if _int32(address)[i] else 0.0
     else:
-        _spread(integers_at(address), positions, n, y)
+        x = float(integers_at(address)[i])
+    return x
 
 
-@njit(cache=True)
+@njit()
 def _transfer(table: Any, row: Any, action: int) -> int:
     """Make the call of a row."""
     n, address = row[at.N_REFERENCES], row[at.VALUES]
@@ -145,39 +119,37 @@ def _transfer(table: Any, row: Any, action: int) -> int:
     return _outcome(table, action, status)
 
 
-@njit(cache=True)
+@njit()
 def _set(table: Any, row: Any, u: int) -> int:
-    code = row[at.CODE]
-    positions, n = integers_at(row[at.POSITIONS]), row[at.N_VALUES]
-    inputs = doubles_at(u)
-    if code != at.FLOAT64:
-        i = _unfit_input(inputs, positions, n, code, row[at.LOW], row[at.HIGH])
-        if i >= 0:
-            table[at.ELEMENT] = positions[i]
-            table[at.VALUE] = integers_at(u)[positions[i]]
+    """Make a call that sets inputs."""
+    code, address, positions = row[at.CODE], row[at.VALUES], integers_at(row[at.POSITIONS])
+    for i in range(row[at.N_VALUES]):
+        k = positions[i]
+        x = doubles_at(u)[k]
+        if not _fits(x, code, row[at.LOW], row[at.HIGH]):
+            table[at.ELEMENT], table[at.VALUE] = k, integers_at(u)[k]
             return at.UNFIT_INPUT
-    _fill(inputs, positions, n, code, row[at.VALUES])
+        _store(address, i, code, x)
     return _transfer(table, row, at.SETTING)
 
 
-@njit(cache=True)
-def _get(table: Any, row: Any, y: Any) -> int:
+@njit()
+def _get(table: Any, row: Any, y: int) -> int:
+    """Make a call that gets outputs."""
     action = _transfer(table, row, at.GETTING)
     if action:
         return action
-    code, n, address = row[at.CODE], row[at.N_VALUES], row[at.VALUES]
-    positions = integers_at(row[at.POSITIONS])
-    if code in (at.INT64, at.UINT64):
-        i = _unfit_output(address, code, n)
-        if i >= 0:
-            table[at.ELEMENT] = positions[i]
-            table[at.VALUE] = integers_at(address)[i]
+    code, address, positions = row[at.CODE], row[at.VALUES], integers_at(row[at.POSITIONS])
+    for i in range(row[at.N_VALUES]):
+        k = positions[i]
+        if not _is_exact(address, i, code):
+            table[at.ELEMENT], table[at.VALUE] = k, integers_at(address)[i]
             return at.UNFIT_OUTPUT
-    _empty(y, positions, n, code, address)
+        doubles_at(y)[k] = _load(address, i, code)
     return 0
 
 
-@njit(cache=True)
+@njit()
 def _derive(table: Any, u: int) -> int:
     """Set the derivatives of the inputs up to the highest order that is, or last was, not zero."""
     n_inputs, n = table[at.N_INPUTS], table[at.N_SLOPES]
@@ -204,7 +176,7 @@ def _derive(table: Any, u: int) -> int:
     return _outcome(table, at.DERIVING, _set_derivatives(table[at.SET_DERIVATIVES], call))
 
 
-@njit(cache=True)
+@njit()
 def _advance(table: Any, t: float, h: float, data: int) -> int:
     instance, never_back = table[at.INSTANCE], table[at.NEVER_BACK]
     if table[at.VERSION] == 2:
@@ -234,9 +206,8 @@ def step_mixed(t: float, h: float, u: int, y: int, data: int) -> int:
     action = _advance(table, t, h, data)
     if action:
         return action
-    outputs = doubles_at(y)
     for _ in range(table[at.N_GET]):
-        action = _get(table, integers_at(row), outputs)
+        action = _get(table, integers_at(row), y)
         if action:
             return action
         row += 8 * at.ROW

@@ -6,6 +6,7 @@ import copy
 import struct
 from contextlib import ExitStack
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self, cast
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self, cast
 import numpy as np
 
 from co_sim.component import StateError
-from co_sim.errors import InputError
+from co_sim.errors import Fault, InputError, suggestion
 from co_sim.fmi import FmuError, read_description, slave_type
 from co_sim.fmi_binding import Binding, interpolated, is_native
 from co_sim.fmu_archive import unpacked
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from fmpy.model_description import ModelVariable
 
     from co_sim.component import Kind, Port, Vector
-    from co_sim.errors import Fault
     from co_sim.fmi import Slave
     from co_sim.fmu_parameters import Value
     from co_sim.native import NativeStep
@@ -256,12 +256,19 @@ class FmuComponent(NativeComponent):
         Returns
         -------
         One number for each element of the unknowns; ``None`` if the FMU provides no derivatives.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown.
+        FmuError
+            If the FMU refuses.
         """
         if not self._interface.providesDirectionalDerivative:
             return None
-        result = np.zeros(sum(int(np.prod(shape_of(self._variables[u], self._sizes))) for u in unknowns))
-        direction = np.ascontiguousarray(seed, dtype=np.float64)
-        self._running.derivative(self._references(unknowns), self._references(knowns), direction, result)
+        references = self._references(unknowns), self._references(knowns)
+        result = np.zeros(sum(prod(shape_of(self._variables[name], self._sizes)) for name in unknowns))
+        self._running.derivative(*references, np.ascontiguousarray(seed, dtype=np.float64), result)
         return result
 
     def close(self) -> None:
@@ -317,6 +324,18 @@ class FmuComponent(NativeComponent):
                 yield variable, cast("Kind", kind_of(variable)), plain_values(variable, value)
 
     def _references(self, names: Sequence[str]) -> np.ndarray[tuple[int], np.dtype[np.uint32]]:
+        faults = [
+            Fault(
+                f'variable "{name}" of {self._path.name}',
+                "an unknown name",
+                "a name from its description",
+                suggestion(name, self._variables),
+            )
+            for name in names
+            if name not in self._variables
+        ]
+        if faults:
+            raise InputError.from_faults(faults)
         return np.array([self._variables[name].valueReference for name in names], dtype=np.uint32)
 
     def _require(self, flag: str) -> None:

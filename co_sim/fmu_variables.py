@@ -96,7 +96,8 @@ def feedthrough(
 ) -> dict[str, list[str]] | None:
     """Return for each output the inputs on which it depends at once; ``None`` if the FMU does not tell.
 
-    What an output depends on during initialisation counts as well.
+    What an output depends on during initialisation counts as well. Continuous states follow nothing at
+    once.
     """
     declared: dict[object, set[object]] = {}
     for unknown in (*description.outputs, *description.initialUnknowns):
@@ -107,6 +108,7 @@ def feedthrough(
     if not told:
         return None
     inputs = list(inputs)
+    told |= {_identity(unknown.variable.derivative) for unknown in description.derivatives}
     return {
         output.name: [
             u.name
@@ -135,8 +137,9 @@ def _is_signal(variable: ModelVariable) -> bool:
 
 
 def _is_held(variable: ModelVariable) -> bool:
-    """Tell whether a variable keeps its value during a run."""
-    return variable.variability in {"constant", "fixed"} or variable.causality == "independent"
+    """Tell whether a variable does not follow inputs."""
+    held = {"parameter", "calculatedParameter", "structuralParameter", "independent"}
+    return variable.causality in held or variable.variability == "constant"
 
 
 def _identity(variable: ModelVariable) -> tuple[str, int]:

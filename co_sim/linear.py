@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from co_sim.compiled import CompiledComponent
+from co_sim.compiled_component import CompiledComponent
 from co_sim.component import Port
 from co_sim.errors import Fault, InputError
 from co_sim.local_model import LocalModel

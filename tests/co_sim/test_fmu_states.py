@@ -251,3 +251,30 @@ def test_an_fmu_that_allows_one_instance_has_a_folder_for_each(lag_fmu, tmp_path
     assert len(list(temporary_folder.iterdir())) == 2
     for part in parts:
         part.close()
+
+
+def test_nothing_can_be_restored_after_a_fatal_error(parrot):
+    parameters = {"trouble": 4, "trouble_in": 2}
+    fmu = FmuComponent(parrot, inputs=["float64_in"], outputs=["sum"], parameters=parameters)
+    begin(fmu)
+    state = fmu.save()
+    advance(fmu, 0)
+    with pytest.raises(FmuError, match="fatal"):
+        advance(fmu, 1)
+    for call in (lambda: fmu.restore(state), fmu.save, lambda: fmu.serialize(state)):
+        with pytest.raises(StateError, match="after a fatal error no call is allowed"):
+            call()
+    fmu.close()
+
+
+def test_a_damaged_archive_leaves_nothing_behind(lag_fmu, tmp_path):
+    path = copied(lag_fmu, tmp_path, b"", b"")
+    with zipfile.ZipFile(path) as archive:
+        library = next(item for item in archive.infolist() if item.filename.startswith("binaries"))
+    data = bytearray(path.read_bytes())
+    data[library.header_offset + 1000] ^= 0xFF
+    path.write_bytes(data)
+    fmu = FmuComponent(path)
+    with pytest.raises(zipfile.BadZipFile):
+        fmu.start(0.0, H)
+    fmu.close()

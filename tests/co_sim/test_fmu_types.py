@@ -4,6 +4,7 @@ import copy
 import itertools
 import pickle
 import threading
+import zipfile
 
 import numpy as np
 import pytest
@@ -349,6 +350,8 @@ def test_dependencies_are_those_of_the_description(parrot):
     assert fmu.feedthrough["sum"] == {"float64_in"}  # during initialisation
     chosen = FmuComponent(parrot, inputs=["int32_in"], outputs=["float64_out", "int32_out", "trouble"])
     assert chosen.feedthrough == {"float64_out": set(), "int32_out": {"int32_in"}, "trouble": set()}
+    state = FmuComponent(parrot, outputs=["der(sum)", "sum"]).feedthrough
+    assert state == {"der(sum)": every, "sum": {"float64_in"}}
 
 
 def test_an_fmu_that_declares_no_dependencies_is_not_known(lag_fmu):
@@ -366,6 +369,8 @@ def test_states_and_directional_derivatives(parrot, lag_fmu):
     )
     with Running(fmu):
         result = fmu.directional_derivative(["der(sum)", "float64_out"], ["sum", "float64_in"], [2.0, 3.0])
+        with pytest.raises(InputError, match=r'variable "summ" of parrot.*did you mean "sum"'):
+            fmu.directional_derivative(["sum"], ["summ"], [1.0])
     assert result.tolist() == [3.0, 3.0]
     other = FmuComponent(lag_fmu)
     assert other.states is None
@@ -412,3 +417,16 @@ def test_bad_ports_of_every_combination_of_native_and_python_agree_on_order(parr
         with Running(fmu, np.zeros(len(names))) as run:
             assert outcome(run, u, in_python=False) == outcome(run, u, in_python=True)
             assert 'input "v_in[2]" is 0.25' in outcome(run, u, in_python=False)
+
+
+def test_a_start_value_that_a_float64_rounds_is_none(parrots, tmp_path):
+    path = tmp_path / "large.fmu"
+    with zipfile.ZipFile(parrots[3]) as source, zipfile.ZipFile(path, "w") as target:
+        for item in source.infolist():
+            content = source.read(item)
+            if item.filename == "modelDescription.xml":
+                old = b'name="int64_in" valueReference="8" causality="input" start="1"'
+                assert old in content
+                content = content.replace(old, old.replace(b'"1"', b'"9007199254740993"'))
+            target.writestr(item, content)
+    assert named(FmuComponent(path).inputs)["int64_in"].start is None
