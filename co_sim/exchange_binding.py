@@ -9,7 +9,7 @@ import numpy as np
 
 from co_sim.fmi import FmuError
 from co_sim.fmi_binding import Binding, is_native
-from co_sim.native import _STEP_C, NativeStep
+from co_sim.native import _STEP_C, NativeStep, _c_function
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -103,7 +103,7 @@ class ExchangeBinding(Binding):
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Advance; the ports may need the interpreter."""
         address, data = self._native()
-        status = _STEP_C(address)(t, h, u.ctypes.data, y.ctypes.data, data)
+        status = _c_function(address)(t, h, u.ctypes.data, y.ctypes.data, data)
         if status:
             raise self.failure(status)
 

@@ -1,4 +1,4 @@
-"""FMUs for co-simulation behind one interface for FMI 2.0 and 3.0: the only file that uses fmpy.
+"""FMUs behind one interface for FMI 2.0 and 3.0; only this file and `co_sim.exchange_model` use fmpy.
 
 What differs between the versions lies in `_Slave2` and `_Slave3`, chosen once for each FMU. Compiled steps
 (`co_sim.fmi_step`) call the C functions by their address.

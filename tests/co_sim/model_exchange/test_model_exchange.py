@@ -245,7 +245,7 @@ def test_a_refused_call_is_told_with_its_name_its_time_and_the_log(fmu):
 def everything(path):
     if "ball" in path.name:
         return ball(path, 0.7, substep=0.013)
-    return counter(path, 0.23) if "counter" in path.name else oscillator(path, outputs=["x", "v", "total"])
+    return counter(path, 0.13) if "counter" in path.name else oscillator(path, outputs=["x", "v", "total"])
 
 
 def inputs_of(part):
@@ -277,6 +277,20 @@ def test_a_restored_state_goes_on_bit_for_bit(fmu, model, way):
         for _ in range(2):
             part.restore(state)
             np.testing.assert_array_equal(steps(part, range(7, 20), u=u), whole[7:])
+
+
+def test_the_side_of_an_indicator_belongs_to_the_state(fmu):
+    part = ExchangeFmu(fmu("relay"), inputs=["u"], outputs=["x", "count"], parameters={"p2": 0.5})
+
+    def u(t):
+        return [[0.0 if t == 0.0 else 1.0], [0.0], [0.0]]
+
+    with started(part):
+        steps(part, [0], u=u)
+        state = part.save()
+        after = steps(part, [1, 2], u=u)
+        part.restore(state)
+        np.testing.assert_array_equal(steps(part, [1, 2], u=u), after)
 
 
 def test_after_a_failure_a_sound_state_can_be_restored(fmu):
