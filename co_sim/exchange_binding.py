@@ -220,7 +220,7 @@ class ExchangeBinding(Binding):
                 self.table[name] = getattr(exchange_ports, name).address
 
     def _set_from(self, t: float, h: float, u: int, y: int, data: int) -> int:
-        return self._guarded(self._set_inputs, u, len(self._inputs))
+        return self._guarded(self.set_inputs, u, len(self._inputs))
 
     def _get_into(self, t: float, h: float, u: int, y: int, data: int) -> int:
         return self._guarded(self._get_outputs, y, len(self._outputs))

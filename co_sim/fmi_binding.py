@@ -77,12 +77,12 @@ class Binding:
 
     def exchange(self, u: Vector, y: Vector) -> None:
         """Set the inputs and get the outputs."""
-        self._set_inputs(u)
+        self.set_inputs(u)
         self._get_outputs(y)
 
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Advance with the inputs held, in the interpreter."""
-        self._set_inputs(u)
+        self.set_inputs(u)
         self._slave.do_step(t, h)
         self._get_outputs(y)
 
@@ -113,7 +113,8 @@ class Binding:
     def memory(self, data: bytes) -> None:
         (self._table[at.LAST_ORDER],) = data
 
-    def _set_inputs(self, u: Vector) -> None:
+    def set_inputs(self, u: Vector) -> None:
+        """Set the inputs."""
         for group, call in self._set:
             try:
                 group.fill(u)

@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 
-from co_sim.component import StateError
+from co_sim.component import Port, StateError
 from co_sim.errors import Fault, InputError, suggestion
 from co_sim.fmi import FmuError, read_description, slave_type
 from co_sim.fmi_binding import Binding, interpolated, is_native
 from co_sim.fmu_archive import unpacked
+from co_sim.fmu_linearize import local_model
 from co_sim.fmu_parameters import parameter_faults, plain_values, sizes_of
 from co_sim.fmu_variables import attribute, feedthrough, kind_of, port_faults, port_of, select, shape_of
+from co_sim.local_model import NotLinearizableError
 from co_sim.native import NativeComponent
 
 if TYPE_CHECKING:
@@ -27,9 +29,10 @@ if TYPE_CHECKING:
 
     from fmpy.model_description import ModelVariable
 
-    from co_sim.component import Kind, Port, Vector
+    from co_sim.component import Kind, Vector
     from co_sim.fmi import Slave
     from co_sim.fmu_parameters import Value
+    from co_sim.local_model import LocalModel
     from co_sim.native import NativeStep
 
 __all__ = ["ContinuousState", "FmuComponent"]
@@ -48,6 +51,11 @@ class ContinuousState:
     derivative: str
     derivative_unit: str
     shape: tuple[int, ...] = ()
+
+    @property
+    def elements(self) -> tuple[str, ...]:
+        """Names of the elements."""
+        return Port(self.name, shape=self.shape).elements
 
 
 class _State:
@@ -242,6 +250,11 @@ class FmuComponent(NativeComponent):
             for variable in derivatives
         )
 
+    @property
+    def provides_derivatives(self) -> bool:
+        """Whether the FMU provides directional derivatives."""
+        return bool(self._interface.providesDirectionalDerivative)
+
     def directional_derivative(
         self, unknowns: Sequence[str], knowns: Sequence[str], seed: Vector
     ) -> Vector | None:
@@ -264,12 +277,27 @@ class FmuComponent(NativeComponent):
         FmuError
             If the FMU refuses.
         """
-        if not self._interface.providesDirectionalDerivative:
+        if not self.provides_derivatives:
             return None
         references = self._references(unknowns), self._references(knowns)
-        result = np.zeros(sum(prod(shape_of(self._variables[name], self._sizes)) for name in unknowns))
+        result = np.zeros(self.size_of(unknowns))
         self._running.derivative(*references, np.ascontiguousarray(seed, dtype=np.float64), result)
         return result
+
+    def size_of(self, names: Sequence[str]) -> int:
+        """Return the number of elements of variables."""
+        return sum(prod(shape_of(self._variables[name], self._sizes)) for name in names)
+
+    def linearize(self, t: float, u: Vector) -> LocalModel:
+        """Return the linear model near the present state, from directional derivatives.
+
+        Ports that are not continuous stay as they are: their rows and columns are zero.
+        """
+        self._bound.set_inputs(u)
+        try:
+            return local_model(self)
+        except FmuError as error:
+            raise NotLinearizableError(str(error)) from error
 
     def close(self) -> None:
         """Terminate and free the FMU, unload its library and remove its files."""

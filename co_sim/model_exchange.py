@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
-from co_sim.component import Port
 from co_sim.errors import Fault, InputError
 from co_sim.exchange_binding import METHODS, ExchangeBinding, Integration, is_smooth
 from co_sim.exchange_model import ExchangeModel, model_type
@@ -112,7 +111,7 @@ class ExchangeFmu(FmuComponent):
         directional = self._move if self._has_directional_derivatives else None
         J, error = self.point().jacobian(np.array(u[: self._n_inputs]), directional)
         n = J.shape[1] - self._n_inputs
-        named = [(name, s.unit) for s in self.states for name in Port(s.name, shape=s.shape).elements]
+        named = [(name, state.unit) for state in self.states for name in state.elements]
         return LocalModel(
             J[:n, :n],
             J[:n, n:],
@@ -132,7 +131,7 @@ class ExchangeFmu(FmuComponent):
     def _has_directional_derivatives(self) -> bool:
         """Whether the FMU gives the derivatives of all that is wanted, the outputs included."""
         declared = {unknown.variable.name for unknown in self._description.outputs}
-        return bool(self._interface.providesDirectionalDerivative) and all(
+        return self.provides_derivatives and all(
             port.kind == "float64" and port.name in declared for port in self.outputs
         )
 

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from co_sim import FmuComponent, InputError, Port
+from co_sim.local_model import NotLinearizableError
 from co_sim.texts import number_of, text_of
 
 INTEGERS = {
@@ -430,3 +431,20 @@ def test_a_start_value_that_a_float64_rounds_is_none(parrots, tmp_path):
                 content = content.replace(old, old.replace(b'"1"', b'"9007199254740993"'))
             target.writestr(item, content)
     assert named(FmuComponent(path).inputs)["int64_in"].start is None
+
+
+def test_a_linear_model_from_directional_derivatives(parrot, lag_fmu):
+    fmu = FmuComponent(parrot, inputs=["int32_in", "float64_in"], outputs=["sum", "int32_out", "float64_out"])
+    u = np.array([3.0, 4.0, 0.0, 0.0, 0.0, 0.0])
+    with Running(fmu, u):
+        model = fmu.linearize(0.0, u[:2])
+    assert (model.states, model.state_units, model.dt) == (("sum",), ("m",), 0.0)
+    np.testing.assert_array_equal(model.A, [[0.0]])
+    np.testing.assert_array_equal(model.B, [[0.0, 1.0]])
+    np.testing.assert_array_equal(model.C, [[1.0], [0.0], [0.0]])
+    np.testing.assert_array_equal(model.D, [[0.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+    with (
+        Running(FmuComponent(lag_fmu)) as run,
+        pytest.raises(NotLinearizableError, match="no continuous states"),
+    ):
+        run.component.linearize(0.0, run.u)
