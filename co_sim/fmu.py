@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import struct
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from types import MappingProxyType
@@ -19,13 +19,23 @@ from co_sim.fmi import FmuError, read_description, slave_type
 from co_sim.fmi_binding import Binding, interpolated, is_native
 from co_sim.fmu_archive import unpacked
 from co_sim.fmu_linearize import local_model
-from co_sim.fmu_parameters import parameter_faults, plain_values, sizes_of
-from co_sim.fmu_variables import attribute, feedthrough, kind_of, port_faults, port_of, select, shape_of
+from co_sim.fmu_parameters import parameter_faults, plain_values, sizes_of, start_of
+from co_sim.fmu_variables import (
+    attribute,
+    feedthrough,
+    kind_of,
+    port_faults,
+    port_of,
+    select,
+    shape_of,
+    units_of,
+)
 from co_sim.local_model import NotLinearizableError
 from co_sim.native import NativeComponent
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from os import PathLike
 
     from fmpy.model_description import ModelVariable
 
@@ -34,6 +44,7 @@ if TYPE_CHECKING:
     from co_sim.fmu_parameters import Value
     from co_sim.local_model import LocalModel
     from co_sim.native import NativeStep
+    from co_sim.units import Unit
 
 __all__ = ["ContinuousState", "FmuComponent"]
 
@@ -87,8 +98,9 @@ class FmuComponent(NativeComponent):
     outputs : names of the variables that become ports, of any causality; ``None`` takes all with
         causality ``output``.
     parameters : values set before initialisation: parameters, also structural ones, and start values of local
-        and output variables. An enumeration takes the name of its literal or its number, an array nested
-        sequences of its shape.
+        and output variables; of inputs the value that they keep while nothing is connected. An enumeration
+        takes the name of its literal or its number, an array nested sequences of its shape.
+    units : of variables for which the FMU declares none: name and, if there is one, definition.
 
     Raises
     ------
@@ -99,12 +111,15 @@ class FmuComponent(NativeComponent):
 
     def __init__(
         self,
-        path: Path | str,
+        path: PathLike[str] | str,
         *,
         inputs: Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
         parameters: Mapping[str, Value] = MappingProxyType({}),
+        units: Mapping[str, tuple[str, Unit | None]] = MappingProxyType({}),
     ) -> None:
+        # Held as it is, because it may own the folder in which the FMU lies.
+        self._given_path = path
         self._path = Path(path)
         self._description = read_description(self._path)
         self._slave_type = self._adapter()
@@ -119,6 +134,8 @@ class FmuComponent(NativeComponent):
             raise InputError.from_faults(faults)
         self._inputs = select(self._variables, inputs, "input")
         self._outputs = select(self._variables, outputs, "output")
+        self._units = dict(units)
+        self._definitions = units_of(self._description)
         self._own_parameters = dict(parameters)
         self._parameters = self._own_parameters
         super().__init__(*self._ports(), feedthrough(self._description, self._inputs, self._outputs))
@@ -133,6 +150,21 @@ class FmuComponent(NativeComponent):
         duplicate._slave = duplicate._binding = None
         duplicate._resources = ExitStack()
         return duplicate
+
+    @property
+    def path(self) -> Path:
+        """The archive."""
+        return self._path
+
+    @property
+    def parameters(self) -> Mapping[str, Value]:
+        """The parameters of the constructor."""
+        return MappingProxyType(self._own_parameters)
+
+    @property
+    def variables(self) -> Mapping[str, ModelVariable]:
+        """All variables of the FMU by name, as fmpy describes them."""
+        return MappingProxyType(self._variables)
 
     def parameter_faults(self, values: Mapping[str, Value]) -> Iterable[Fault]:
         """Find parameters that are unknown or whose value is not allowed."""
@@ -334,11 +366,16 @@ class FmuComponent(NativeComponent):
         return sizes_of(self._variables, self._parameters)
 
     def _ports(self) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
-        sizes = self._sizes
-        return (
-            tuple(port_of(variable, sizes) for variable in self._inputs),
-            tuple(port_of(variable, sizes) for variable in self._outputs),
-        )
+        return tuple(map(self._port, self._inputs)), tuple(map(self._port, self._outputs))
+
+    def _port(self, variable: ModelVariable) -> Port:
+        port = port_of(variable, self._sizes, self._definitions)
+        if variable.name in self._units and not attribute(variable, "unit"):
+            unit, definition = self._units[variable.name]
+            port = replace(port, unit=unit, definition=definition)
+        if variable.causality == "input" and variable.name in self._parameters:
+            port = replace(port, start=start_of(variable, self._parameters[variable.name]))
+        return port
 
     def _takes_derivatives(self) -> bool:
         """Tell whether to set derivatives of inputs; in FMI 3 there is no such call."""
@@ -346,8 +383,12 @@ class FmuComponent(NativeComponent):
         return can and bool(interpolated(self.inputs)) and is_native([*self.inputs, *self.outputs])
 
     def _values(self, *, structural: bool) -> Iterator[tuple[ModelVariable, Kind, list[object]]]:
+        ports = {port.name for port in self.inputs}
         for name, value in self._parameters.items():
             variable = self._variables[name]
+            if name in ports:
+                # The master sets it, in initialisation mode.
+                continue
             if (variable.causality == "structuralParameter") == structural:
                 yield variable, cast("Kind", kind_of(variable)), plain_values(variable, value)
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import prod
 from typing import TYPE_CHECKING, cast
 
 from co_sim import fmi_table as at
 from co_sim.component import Port
 from co_sim.errors import Fault, suggestion
+from co_sim.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,9 +21,23 @@ if TYPE_CHECKING:
     Variables = Mapping[str, ModelVariable]
     #: Values of structural parameters by name, where they differ from those of the description.
     Sizes = Mapping[str, int]
+    #: Meaning of units by name, where it is declared.
+    Units = Mapping[str, Unit]
 
-__all__ = ["attribute", "describe", "feedthrough", "kind_of", "port_faults", "port_of", "select", "shape_of"]
+__all__ = [
+    "attribute",
+    "describe",
+    "feedthrough",
+    "is_signal",
+    "kind_of",
+    "port_faults",
+    "port_of",
+    "select",
+    "shape_of",
+    "units_of",
+]
 
+_BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _KINDS: dict[str, Kind] = {
     "Real": "float64",
     "Integer": "int32",
@@ -58,21 +74,37 @@ def select(variables: Variables, names: Sequence[str] | None, causality: str) ->
     """Return the named variables, or without names all that can be ports of this causality."""
     if names is not None:
         return [variables[name] for name in names]
-    return [v for v in variables.values() if v.causality == causality and _is_signal(v)]
+    return [v for v in variables.values() if v.causality == causality and is_signal(v)]
 
 
-def port_of(variable: ModelVariable, sizes: Sizes) -> Port:
+def port_of(variable: ModelVariable, sizes: Sizes, units: Units) -> Port:
     """Return the port of a variable; its unit may be that of its declared type."""
     shape = shape_of(variable, sizes)
+    unit = attribute(variable, "unit") or "1"
     return Port(
         variable.name,
-        attribute(variable, "unit") or "1",
+        unit,
         _start(variable, shape),
         variable.description or "",
         cast("Kind", kind_of(variable)),
         shape,
         variable.variability == "continuous",
+        units.get(unit),
     )
+
+
+def units_of(description: ModelDescription) -> dict[str, Unit]:
+    """Return the units that an FMU defines by their base units, by name."""
+    bases = {unit.name: unit.baseUnit for unit in description.unitDefinitions if unit.baseUnit is not None}
+    return {
+        name: replace(
+            Unit(**{exponent: int(getattr(base, exponent) or 0) for exponent in _BASES}),
+            factor=float(base.factor),
+            offset=float(base.offset or 0.0),
+        )
+        for name, base in bases.items()
+        if float(base.factor or 0.0)
+    }
 
 
 def port_faults(fmu: str, variables: Variables, names: Sequence[str], causality: str) -> Iterator[Fault]:
@@ -83,7 +115,7 @@ def port_faults(fmu: str, variables: Variables, names: Sequence[str], causality:
         fitting = [v.name for v in select(variables, None, causality)]
         if variable is None:
             yield Fault(what, "an unknown name", "a name from its description", suggestion(name, fitting))
-        elif not _is_signal(variable):
+        elif not is_signal(variable):
             yield Fault(what, describe(variable), "a number, a boolean or a text", "choose another variable")
         elif causality == "input" and variable.causality != "input":
             yield Fault(
@@ -132,7 +164,8 @@ def describe(variable: ModelVariable) -> str:
     return f"{'an array' if variable.dimensions else 'a scalar'} of type {variable.type}"
 
 
-def _is_signal(variable: ModelVariable) -> bool:
+def is_signal(variable: ModelVariable) -> bool:
+    """Tell whether a variable can be a port."""
     return kind_of(variable) is not None and not variable.clocks
 
 
