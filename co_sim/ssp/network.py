@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from co_sim.ssp.sources import PackedFile
     from co_sim.units import Unit
 
-__all__ = ["GIVING", "Edge", "Fmu", "Network", "Pin", "Route", "name_of"]
+__all__ = ["GIVING", "Edge", "Fmu", "Network", "Pin", "Route", "element_of", "name_of"]
 
 #: Kinds of connectors whose values come out of an element; those of a system's own go out of it.
 GIVING = frozenset({"output", "calculatedParameter", "constant", "local", "independent"})
@@ -37,6 +37,11 @@ Path = tuple[str, ...]
 def name_of(path: Path) -> str:
     """Return the name of a component: its path with slashes. Dots are for ports, and written ``%2E`` here."""
     return "/".join(path).replace(".", "%2E")
+
+
+def element_of(name: str) -> str:
+    """Return the name of an element for a component: the inverse of `name_of` for a flat system."""
+    return name.replace("%2E", ".")
 
 
 class Pin(NamedTuple):
