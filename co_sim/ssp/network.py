@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,6 +13,7 @@ from co_sim.fmu_variables import attribute
 from co_sim.fmu_variables import units_of as units_of_fmu
 from co_sim.ssp.chain import Chain, MismatchError
 from co_sim.ssp.elements import Component, Linear, Measure, Reference, SystemElement
+from co_sim.units import UnknownUnitError, define
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -136,8 +138,11 @@ class Network:
         return variable.causality if variable else ""
 
     def port_measure(self, pin: Pin) -> Measure | None:
-        """Return the unit of a variable of an FMU, or else of the connector for it."""
-        return self.fmus[pin.path].measure(pin.name) or self._declared(pin)
+        """Return the unit of a variable of an FMU; the connector for it may add what the FMU leaves open."""
+        own, declared = self.fmus[pin.path].measure(pin.name), self._declared(pin)
+        if declared is None or (own and (own.definition is not None or own.name != declared.name)):
+            return own
+        return _as_known(declared)
 
     def chain(self, route: Route, target: Pin) -> Chain | None:
         """Return what happens to numbers on a way to the connector at its end; ``None`` for a fault told."""
@@ -277,6 +282,14 @@ class Network:
         if kind not in GIVING | _TAKING:
             return "either"
         return "source" if (kind in GIVING) == (end.element is not None) else "target"
+
+
+def _as_known(measure: Measure) -> Measure:
+    """Return a unit without its definition, where that says in fewer digits what is known of the name."""
+    with suppress(UnknownUnitError):
+        if measure.definition == define(measure.name):
+            return Measure(measure.name, None)
+    return measure
 
 
 _SAYS = {"source": "give a value", "target": "take a value"}

@@ -1,5 +1,6 @@
 """What is written is valid, gives the same run, and opens elsewhere."""
 
+import pickle
 import zipfile
 
 import numpy as np
@@ -224,3 +225,28 @@ def test_the_schema_finds_what_is_wrong(tmp_path, lag_fmus):
         (first, *_) = schema_faults(path)
         assert first.what.startswith("x.ssp/SystemStructure.ssd, line ")
         assert new.split(b'"')[1].decode() in first.got
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_units_lose_no_digits(tmp_path, parrots, version):
+    """The factor from degrees to revolutions, which no document can hold exactly."""
+    parts = {
+        "a": FmuComponent(
+            parrots[2], inputs=[], outputs=["float64_out"], units={"float64_out": ("deg", None)}
+        ),
+        "b": FmuComponent(parrots[2], inputs=["float64_in"], outputs=[], units={"float64_in": ("rev", None)}),
+    }
+    system = System(parts, [Connection("a.float64_out", "b.float64_in", 3.0)])
+    write_ssp(system, tmp_path / "x.ssp", version=version)
+    assert read_ssp(tmp_path / "x.ssp").links() == system.links()
+
+
+def test_a_system_that_was_read_goes_to_another_process(tmp_path, lag_fmus):
+    write_ssp(System({"a": FmuComponent(lag_fmus[2])}, step=0.5), tmp_path / "x.ssp")
+    found = read_ssp(tmp_path / "x.ssp")
+    copied = pickle.loads(pickle.dumps(dict(found.components)))
+    recorder = Recorder()
+    with Master(System(copied, step=0.5), observers=[recorder]) as master:
+        master.run(1.0)
+    del copied
+    assert found.components["a"].path.exists()
