@@ -1,5 +1,6 @@
 """Structures, connections and units of packages written by hand."""
 
+import os
 import tempfile
 import zipfile
 from collections import defaultdict
@@ -55,6 +56,12 @@ def test_archives_stay_unpacked_as_long_as_they_are_of_use(pack, tmp_path, monke
     assert len(list(folder.iterdir())) == 1
     parts.clear()
     assert not list(folder.iterdir())
+    # A process that has forked from this one leaves the folder to it.
+    monkeypatch.setattr(os, "getpid", lambda: 0)
+    found = read_ssp(pack(ssd(system(TWO))))
+    monkeypatch.undo()
+    del found
+    assert len(list(folder.iterdir())) == 1
 
 
 def test_what_may_be_left_out_may_be_left_out(pack):
