@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from co_sim.master import Master
-from co_sim.recorder import Recorder
+from co_sim.observers import Recorder
 from co_sim.wheelset.assembly import assemble
 from co_sim.wheelset.experiment import Laboratory
 from co_sim.wheelset.output import write

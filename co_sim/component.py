@@ -25,12 +25,14 @@ from itertools import product
 from math import prod
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from co_sim.errors import Fault, suggestion
+from co_sim.local_model import LocalModel, NotLinearizableError, central_differences
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from co_sim.native import NativeStep
@@ -168,6 +170,29 @@ class Component(ABC):
         """Return the same step as machine code, valid until `close`, or ``None`` if it needs Python."""
         return None
 
+    def linearize(self, t: float, u: Vector) -> LocalModel:
+        """Return the linear model near the present state, at `t` (s) with the inputs `u`; changes nothing.
+
+        A component without inputs acts on the others, but does not react: its model is empty.
+
+        Raises
+        ------
+        NotLinearizableError
+            If there is none.
+        """
+        if self.inputs:
+            raise NotLinearizableError("it does not say how it is linearised")
+        n_y = sum(port.size for port in self.outputs)
+        return LocalModel(
+            np.zeros((0, 0)),
+            np.zeros((0, 0)),
+            np.zeros((n_y, 0)),
+            np.zeros((n_y, 0)),
+            (),
+            (),
+            method="none needed",
+        )
+
     def save(self) -> object:
         """Return the present state; it stays valid and unchanged until `close`.
 
@@ -226,6 +251,21 @@ class FunctionComponent(Component):
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Evaluate the function at the end of the step."""
         y[:] = self._function(t + h, u)
+
+    def linearize(self, t: float, u: Vector) -> LocalModel:
+        """Return the matrix D, from central differences."""
+        D, error = central_differences(lambda v: np.asarray(self._function(t, v), dtype=np.float64), u)
+        n_y, n_u = D.shape
+        return LocalModel(
+            np.zeros((0, 0)),
+            np.zeros((0, n_u)),
+            np.zeros((n_y, 0)),
+            D,
+            (),
+            (),
+            method="central differences",
+            error=error,
+        )
 
     def save(self) -> object:
         """Return nothing: a function has no memory."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from co_sim.errors import InputError, RunError
 from co_sim.master import Master, step_count
-from co_sim.recorder import Recorder
+from co_sim.observers import Recorder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

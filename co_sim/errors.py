@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
 __all__ = ["Fault", "InputError", "RunError", "suggestion"]
 
@@ -45,6 +45,9 @@ class InputError(Exception):
         super().__init__(str(fault))
         self.faults: tuple[Fault, ...] = (fault,)
 
+    def __reduce__(self) -> tuple[Callable[..., InputError], tuple[object, ...]]:
+        return InputError.from_faults, (self.faults,)
+
     @classmethod
     def from_faults(cls, faults: Sequence[Fault]) -> Self:
         """Join several faults, at least one, in one error that tells each on a line of its own."""
@@ -73,6 +76,13 @@ class RunError(Exception):
         self.time = time
         self.step = step
         self.reason = reason
+
+    def __reduce__(self) -> tuple[Callable[..., RunError], tuple[str, float, int, str]]:
+        return _run_error, (self.component, self.time, self.step, self.reason)
+
+
+def _run_error(component: str, time: float, step: int, reason: str) -> RunError:
+    return RunError(component, time=time, step=step, reason=reason)
 
 
 def suggestion(name: str, known: Collection[str]) -> str:

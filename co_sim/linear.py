@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from co_sim.compiled import CompiledComponent
+from co_sim.compiled_component import CompiledComponent
 from co_sim.component import Port
 from co_sim.errors import Fault, InputError
+from co_sim.local_model import LocalModel
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -89,6 +90,7 @@ class LinearComponent(CompiledComponent):
         if faults:
             raise InputError.from_faults(faults)
         self._model = _linear_model(space, in_ports, out_ports)
+        self._h = 0.0
         super().__init__(
             linear_step,
             exchange=linear_exchange,
@@ -104,6 +106,17 @@ class LinearComponent(CompiledComponent):
     def linear_model(self) -> LinearModel:
         """The matrices, with the names of states and ports."""
         return self._model
+
+    def linearize(self, t: float, u: Vector) -> LocalModel:
+        """Return the model itself, which holds at every point."""
+        model = self._model
+        dt = self._h if model.dt is True else float(model.dt)
+        return LocalModel(model.A, model.B, model.C, model.D, model.states, ("1",) * len(model.states), dt=dt)
+
+    def start(self, t0: float, h: float) -> None:
+        """Set the state and the matrices of this run."""
+        self._h = h
+        super().start(t0, h)
 
     def _matrices(self, h: float, _: Mapping[str, float]) -> Vector:
         model = self._model

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from co_sim.component import Component, Vector
     from co_sim.layout import Part
     from co_sim.loops import Failure, Loop
-    from co_sim.recorder import Observer
+    from co_sim.observers import Observer
     from co_sim.system import System
     from co_sim.watch import Growth
 
@@ -116,6 +116,22 @@ class Master:
         values: Vector = self._rows[self._row]
         values.flags.writeable = False
         return values
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The components with their places, in the order of their steps."""
+        return self._layout.parts
+
+    def inputs_of(self, name: str) -> Vector:
+        """Return the inputs of a component as they are now, without extrapolation."""
+        part = next(part for part in self._layout.parts if part.name == name)
+        u = self._layout.u.copy()
+        links, of_part = self._layout.links, slice(part.behind, part.end)
+        u[links.target[of_part]] = (
+            links.gain[of_part] * self._rows[self._row, links.source[of_part]] + links.offset[of_part]
+        )
+        begin = part.u.ctypes.data - self._layout.u.ctypes.data
+        return u[begin // u.itemsize :][: part.values.size]
 
     def start(self) -> None:
         """Start all components and settle their values at `t0`; does nothing if they are started.

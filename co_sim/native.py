@@ -7,7 +7,7 @@ The master's compiled loop knows one kind of step, a C function ::
 that advances from `t` to ``t + h`` (s) with the inputs `u`, writes the outputs at ``t + h`` into `y` and
 returns 0, or another number that the component's `failure` can explain. `data` is the component's own.
 Whoever can give the address of such a function takes part without the interpreter: an FMU through the
-functions of `co_sim.fmi`, a function compiled by numba through `co_sim.compiled`, a library of
+functions of `co_sim.fmi`, a function compiled by numba through `co_sim.compiled_component`, a library of
 the user's own through ctypes.
 """
 
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import ctypes
 from abc import abstractmethod
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -49,6 +50,11 @@ _STEP_C = ctypes.CFUNCTYPE(
 )
 
 
+@cache
+def _c_function(address: int) -> Callable[..., int]:
+    return _STEP_C(address)
+
+
 class NativeStep(NamedTuple):
     """Addresses of a step function and of its `data`; both stay valid until the component is closed."""
 
@@ -62,8 +68,6 @@ class NativeComponent(Component):
     A subclass has its `NativeStep` ready when `start` returns.
     """
 
-    _step: Callable[..., int] | None = None
-
     @abstractmethod
     def native(self) -> NativeStep:
         """Return the addresses of the step."""
@@ -75,7 +79,7 @@ class NativeComponent(Component):
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Advance by the machine code."""
         address, data = self.native()
-        status = _STEP_C(address)(t, h, u.ctypes.data, y.ctypes.data, data)
+        status = _c_function(address)(t, h, u.ctypes.data, y.ctypes.data, data)
         if status:
             raise self.failure(status)
 

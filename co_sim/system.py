@@ -318,15 +318,19 @@ def _mismatches(connection: Connection, source: _End, target: _End) -> Iterator[
 
 
 def _unit_faults(what: str, source: str, target: str) -> Iterator[Fault]:
-    got = f'"{canonical_unit(source)}" into "{canonical_unit(target)}"'
-    expected = "units of the same dimension at both ends"
     try:
         factor = conversion(source, target)
     except UnknownUnitError as error:
-        yield Fault(what, f"{got}, where {error}", expected, "write a unit as FMI does, such as m/s2")
+        for fault in error.faults:
+            yield Fault(f"{what}: {fault.what}", fault.got, fault.expected, fault.remedy)
         return
     if factor is None:
-        yield Fault(what, got, expected, "correct the unit of a port, or convert in a component between them")
+        yield Fault(
+            what,
+            f'"{canonical_unit(source)}" into "{canonical_unit(target)}"',
+            "units of the same dimension at both ends",
+            "correct the unit of a port, or convert in a component between them",
+        )
 
 
 def _shape(end: _End) -> str:

@@ -81,22 +81,23 @@ class Unit:
             )
 
 
-class UnknownUnitError(ValueError):
+class UnknownUnitError(InputError):
     """A unit whose meaning is not known.
 
     Parameters
     ----------
     unit : as it was written.
-    reason : what about it.
+    got : what was found in it.
+    remedy : what to do.
     """
 
-    def __init__(self, unit: str, reason: str) -> None:
-        super().__init__(f'unit "{unit}": {reason}')
+    def __init__(self, unit: str, got: str, remedy: str = "correct it, or convert in a component") -> None:
+        expected = 'a unit as FMI writes it, such as "N/(m/s)" or "kg.m2"'
+        super().__init__(f'unit "{unit}"', got=got, expected=expected, remedy=remedy)
         self.unit = unit
-        self.reason = reason
 
-    def __reduce__(self) -> tuple[type[UnknownUnitError], tuple[str, str]]:
-        return UnknownUnitError, (self.unit, self.reason)
+    def __reduce__(self) -> tuple[type[UnknownUnitError], tuple[str, str, str]]:
+        return UnknownUnitError, (self.unit, self.faults[0].got, self.faults[0].remedy)
 
 
 class _Meaning(NamedTuple):
@@ -165,7 +166,7 @@ def _general_meaning(unit: str) -> _Meaning:
     tokens = _Tokens(unit)
     meaning = tokens.expression()
     if tokens.rest:
-        raise UnknownUnitError(unit, f'cannot be read from "{tokens.rest}" on')
+        raise UnknownUnitError(unit, f'what cannot be read from "{tokens.rest}" on')
     return meaning
 
 
@@ -187,27 +188,26 @@ class _Tokens:
         while self._skip("/"):
             meaning = meaning.times(_ONE).times(self._operand(), -1)
         if self.rest[:1] in {".", "*", "·"}:
-            raise UnknownUnitError(
-                self._unit, "is ambiguous after the division; write the denominator in parentheses"
-            )
+            got, remedy = "an ambiguous denominator", "put all of the denominator in parentheses"
+            raise UnknownUnitError(self._unit, got, remedy)
         return meaning
 
     def _operand(self) -> _Meaning:
         if self._skip("("):
             meaning = self.expression()
             if not self._skip(")"):
-                raise UnknownUnitError(self._unit, "lacks a closing parenthesis")
+                raise UnknownUnitError(self._unit, "no closing parenthesis")
             return meaning
         match = _TOKEN.match(self.rest)
         if match is None or match["sign"]:
-            raise UnknownUnitError(self._unit, f'lacks a symbol before "{self.rest}"')
+            raise UnknownUnitError(self._unit, f'no symbol before "{self.rest}"')
         self.rest = self.rest[match.end() :]
         if match["one"]:
             return _ONE
         meaning = _symbol(self._unit, match["symbol"])
         exponent = int(match["exponent"] or 1)
         if abs(exponent) > _MAX_EXPONENT:
-            raise UnknownUnitError(self._unit, f"has the exponent {exponent}")
+            raise UnknownUnitError(self._unit, f"the exponent {exponent}")
         return meaning if exponent == 1 else _ONE.times(meaning, exponent)
 
     def _skip(self, signs: str) -> bool:
@@ -234,12 +234,12 @@ def _symbol(unit: str, symbol: str) -> _Meaning:
     try:
         zero, one = (registry.Quantity(Decimal(x), name).to_base_units() for x in (0, 1))
     except pint.UndefinedUnitError:
-        raise UnknownUnitError(unit, f'"{symbol}" is not known') from None
+        raise UnknownUnitError(unit, f'"{symbol}", which is not known') from None
     except (TypeError, pint.PintError):
         # Levels such as dB, whose logarithms there are not for decimal numbers, and prefixed offsets.
-        raise UnknownUnitError(unit, f'"{symbol}" is not a multiple of SI base units') from None
+        raise UnknownUnitError(unit, f'"{symbol}", which is not a multiple of SI base units') from None
     powers = dict(one.unit_items())
     exponents = tuple(int(powers.get(base, 0)) for base in _BASES)
     if {base: power for base, power in zip(_BASES, exponents, strict=True) if power} != powers:
-        raise UnknownUnitError(unit, f'"{symbol}" is not made of whole powers of SI base units')
+        raise UnknownUnitError(unit, f'"{symbol}", which is not made of whole powers of SI base units')
     return _Meaning(exponents, one.magnitude - zero.magnitude, zero.magnitude)

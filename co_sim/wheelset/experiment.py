@@ -8,7 +8,7 @@ import numpy as np
 
 from co_sim.errors import InputError, RunError
 from co_sim.master import Master
-from co_sim.recorder import Recorder
+from co_sim.observers import Recorder
 from co_sim.wheelset.assembly import MEASURED, Case, assemble, sampling_period
 from co_sim.wheelset.results import Experiment, FilterDesign, Run, assess
 from co_sim.wheelset.scenario import PrescribedCreep, Rail
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from co_sim.recorder import Observer
+    from co_sim.observers import Observer
     from co_sim.wheelset.scenario import Filter, Scenario
     from co_sim.wheelset.track import TrackProfile
 

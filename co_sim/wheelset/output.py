@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from co_sim.errors import InputError
 from co_sim.files import whole_file
-from co_sim.recorder import write_runs_csv
+from co_sim.observers import write_runs_csv
 
 if TYPE_CHECKING:
     from pathlib import Path

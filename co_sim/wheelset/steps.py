@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from numba import carray, cfunc, types  # type: ignore[attr-defined]
 
-from co_sim.compiled import compiled
+from co_sim.array_functions import compiled
 from co_sim.native import STEP, caller, doubles_at, integers_at
 from estimator.identifier import Design, Memory, Work, identifier_step
 

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
-from co_sim.compiled import CompiledComponent
+from co_sim.compiled_component import CompiledComponent
 from co_sim.component import Port
 from co_sim.errors import InputError
 

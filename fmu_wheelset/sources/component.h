@@ -4,6 +4,7 @@
 #ifndef COMPONENT_H
 #define COMPONENT_H
 
+#include "integrator.h"
 #include "wheelset.h"
 
 #include <stddef.h>
@@ -50,7 +51,7 @@ typedef struct {
     int32_t peak_known[2];
     int32_t stop_time_defined;
     double time, stop_time;
-    double step_size; /* proposal of the integrator */
+    StepSizes step_sizes;
     Wheelset wheelset;
     double x_dot[N_STATES];
     Outputs outputs;

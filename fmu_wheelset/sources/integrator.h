@@ -21,11 +21,17 @@ typedef enum {
     INTEGRATION_TOO_MANY_STEPS
 } IntegrationResult;
 
-/* One step of Rodas4 with size h: x_next, and the estimated local error. Returns 0 if it is not defined. */
+/* One step of Rodas5P with size h: x_next, and the estimated local error. Returns 0 if it is not defined. */
 int integrator_step(const OdeSystem *system, const double x[], double h, double x_next[], double error[]);
 
-/* Advance x by `duration` > 0 with step size control. `step_size` carries the proposed step from call to
- * call; 0 means unknown. On failure x is left as it was. */
-IntegrationResult integrator_advance(const OdeSystem *system, double x[], double duration, double *step_size);
+/* Carried from call to call. The motion behind a jump of x_dot begins with a fast transient, the more of it the
+ * larger the jump, and such jumps resemble each other: that of an input which is sampled, for example. */
+typedef struct {
+    double next;       /* proposed step; set it to 0 where x_dot has jumped */
+    double after_jump; /* proposed first step behind a jump; 0 means unknown */
+} StepSizes;
+
+/* Advance x by `duration` > 0 with step size control. On failure x and `sizes` are left as they were. */
+IntegrationResult integrator_advance(const OdeSystem *system, double x[], double duration, StepSizes *sizes);
 
 #endif

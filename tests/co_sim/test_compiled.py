@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from co_sim import InputError, Port
 from co_sim.array_functions import ARRAY_STEP, EXCHANGE, address_of
-from co_sim.compiled import CompiledComponent, compiled
+from co_sim.compiled_component import CompiledComponent, compiled
 from co_sim.component import StateError
 
 NO_INPUT = np.empty(0)
@@ -275,13 +275,13 @@ def test_the_address_is_that_of_the_function_compiled_for_these_types():
 
 def test_a_second_process_compiles_nothing(tmp_path):
     (tmp_path / "mine.py").write_text(
-        "from co_sim.compiled import compiled\n\n"
+        "from co_sim.compiled_component import compiled\n\n"
         "@compiled\ndef double(t, h, u, y, x, p):\n    y[0] = 2.0 * u[0]\n    return 0\n"
     )
     script = (
         "import sys; sys.path[:0] = ['.', sys.argv[1]]\n"
         "import numpy as np, mine\n"
-        "from co_sim import Port\nfrom co_sim.compiled import CompiledComponent\nfrom co_sim import steps\n"
+        "from co_sim import CompiledComponent, Port, steps\n"
         "part = CompiledComponent(mine.double, inputs=[Port('u')], outputs=[Port('y', start=0.0)])\n"
         "part.start(0.0, 1.0); y = np.empty(1); part.step(0.0, 1.0, np.ones(1), y)\n"
         "hits = mine.double.stats.cache_hits, steps.linear_step.stats.cache_hits\n"

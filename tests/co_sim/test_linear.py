@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from co_sim import InputError, Port
+from co_sim import Connection, InputError, Master, Port, Recorder, System, TimeTable
+from co_sim.coupling import Coupling
 from co_sim.linear import LinearComponent
 
 STATES = ["s", "v"]
@@ -93,6 +94,21 @@ def test_the_first_outputs_belong_to_the_first_state():
 def test_interpreter_and_machine_code_give_the_same_bits(run_native, run_python):
     u = stack(random_inputs(100), 0.1, 0.2)
     np.testing.assert_array_equal(run_native(started(), u), run_python(started(), u))
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_an_extrapolated_ramp_is_followed_exactly(compiled):
+    ramp = TimeTable([0.0, 100.0], [0.0, 100.0], [Port("r")], interpolation="linear")
+    lag = LinearComponent(control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]], inputs=["u"], outputs=["y"]))
+    connections = [Connection("ramp.r", "lag.u")]
+    system = System({"ramp": ramp, "lag": lag}, connections, step=0.5, coupling=Coupling(order=1))
+    recorder = Recorder()
+    with Master(system, observers=[recorder], compiled=compiled) as master:
+        master.run(10.0)
+    # In the first step the master knows no slope yet: what that leaves behind dies out by exp(-t).
+    t = recorder.time
+    left = (recorder["lag.y"] - (t - 1.0 + np.exp(-t))) * np.exp(t)
+    np.testing.assert_allclose(left[1:], -(0.5 - 1.0 + math.exp(-0.5)) * math.exp(0.5), rtol=1e-9)
 
 
 @pytest.mark.parametrize("dt", [0.1, True])

@@ -1,6 +1,19 @@
+import numpy as np
 import pytest
 
-from co_sim import Connection, FunctionComponent, InputError, Port, Signal, System
+from co_sim import (
+    Connection,
+    Constant,
+    FunctionComponent,
+    InputError,
+    Master,
+    Port,
+    Recorder,
+    Signal,
+    System,
+    texts,
+)
+from co_sim.texts import number_of, text_of
 
 
 def part(inputs=(), outputs=()):
@@ -96,6 +109,13 @@ def test_an_unknown_target_comes_with_a_suggestion():
     assert 'did you mean "plant.torque"?' in only_fault(system)
 
 
+def test_an_unknown_unit_is_a_fault_like_any_other():
+    parts = {"a": part(outputs=[Port("y", "furlongish")]), "b": part(inputs=[Port("u", "m")])}
+    text = only_fault(System(parts, [Connection("a.y", "b.u")]))
+    assert text.startswith("connection a.y -> b.u: ")
+    assert "furlongish" in text
+
+
 def test_without_a_close_name_the_choice_is_shown():
     text = only_fault(System({"plant": plant()}, [Connection("plant.zzz", "plant.torque")]))
     assert "choose from plant.body.x, plant.yaw_rate" in text
@@ -112,11 +132,16 @@ def test_without_a_close_name_the_choice_is_shown():
         ("rad", "rad", True),
         ("rad", "1", False),
         ("", "rad", False),
-        ("deg", "rad", False),
-        ("m", "mm", False),
+        ("deg", "rad", True),
+        ("m", "mm", True),
+        ("m", "s", False),
+        ("m", "furlongish", False),
+        ("furlongish", "furlongish", True),
+        ("N.m", "kg.m2/s2", True),
+        ("N", "kg", False),
     ],
 )
-def test_units_must_be_equal_and_an_empty_one_is_1(source, target, fits):
+def test_units_must_have_one_dimension_and_an_empty_one_is_1(source, target, fits):
     parts = {"a": part(outputs=[Port("y", source)]), "b": part(inputs=[Port("u", target)])}
     assert (System(parts, [Connection("a.y", "b.u")]).faults() == []) is fits
 
@@ -139,3 +164,123 @@ def test_a_system_without_components_is_refused():
 
 def test_names_are_not_empty():
     assert "a name without dots" in only_fault(System({"": plant()}))
+
+
+def values_of(system, n_steps=1):
+    with Master(system, h=1.0) as master:
+        master.run(n_steps=n_steps)
+        return dict(zip((s.name for s in master.signals), master.values, strict=True))
+
+
+def echo(port_in, port_out):
+    """A component that passes all elements of its input on."""
+    return FunctionComponent(lambda t, u: list(u), inputs=[port_in], outputs=[port_out])
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "value", "expected"),
+    [
+        ("km/h", "m/s", 36.0, 10.0),
+        ("degC", "K", 20.0, 293.15),
+        ("deg", "rad", 180.0, np.pi),
+        ("kN", "N", 1.5, 1500.0),
+    ],
+)
+def test_units_are_converted_and_then_gain_and_offset_apply(source, target, value, expected):
+    parts = {
+        "a": Constant([value], [Port("y", source)]),
+        "b": echo(Port("u", target), Port("y", target)),
+        "c": echo(Port("u", target), Port("y", target)),
+    }
+    wires = [Connection("a.y", "b.u"), Connection("a.y", "c.u", gain=-2.0, offset=3.0)]
+    values = values_of(System(parts, wires))
+    assert values["b.y"] == pytest.approx(expected, rel=1e-15)
+    assert values["c.y"] == pytest.approx(-2.0 * expected + 3.0, rel=1e-15)
+
+
+def test_arrays_connect_whole_or_by_element():
+    matrix = Constant([[[1.0, 2.0], [3.0, 4.0]]], [Port("M", "m", shape=(2, 2))])
+    parts = {
+        "a": matrix,
+        "whole": echo(Port("u", "m", shape=(2, 2)), Port("y", "m", shape=(2, 2))),
+        "mixed": echo(Port("u", "m", start=(7.0, 8.0, 9.0), shape=(3,)), Port("y", "m", shape=(3,))),
+    }
+    wires = [Connection("a.M", "whole.u"), Connection("a.M[2,1]", "mixed.u[2]")]
+    values = values_of(System(parts, wires))
+    assert [values[f"whole.y[{i},{j}]"] for i in (1, 2) for j in (1, 2)] == [1.0, 2.0, 3.0, 4.0]
+    assert [values[f"mixed.y[{i}]"] for i in (1, 2, 3)] == [7.0, 3.0, 9.0]
+
+
+def test_shapes_must_agree_and_elements_are_fed_once():
+    parts = {
+        "a": Constant([[1.0, 2.0]], [Port("v", shape=(2,))]),
+        "b": echo(Port("u", shape=(3,)), Port("y", shape=(3,))),
+    }
+    wires = [Connection("a.v", "b.u"), Connection("a.v[1]", "b.u[1]"), Connection("a.v[2]", "b.u[1]")]
+    text = "\n".join(map(str, System(parts, wires).faults()))
+    assert "connection a.v -> b.u: got shape (2) into (3), expected the same shape" in text
+    assert "input b.u[1]: got 3 connections" in text
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "fits"),
+    [
+        ("float64", "float32", True),
+        ("int32", "float64", True),
+        ("int64", "int8", True),
+        ("enumeration", "int32", True),
+        ("float64", "int32", False),
+        ("boolean", "float64", False),
+        ("int32", "boolean", False),
+        ("boolean", "boolean", True),
+        ("string", "float64", False),
+        ("string", "string", True),
+    ],
+)
+def test_types_must_lose_nothing(source, target, fits):
+    parts = {"a": part(outputs=[Port("y", kind=source)]), "b": part(inputs=[Port("u", kind=target)])}
+    assert (System(parts, [Connection("a.y", "b.u")]).faults() == []) is fits
+
+
+def test_texts_pass_through_a_run_and_through_a_file(tmp_path):
+    def system():
+        parts = {
+            "a": Constant(["Grüße, Rad"], [Port("y", kind="string")]),
+            "b": echo(Port("u", kind="string"), Port("y", kind="string")),
+            "c": echo(Port("u", kind="string", start="alone"), Port("y", kind="string")),
+        }
+        return System(parts, [Connection("a.y", "b.u")])
+
+    recorder = Recorder()
+    with Master(system(), observers=[recorder]) as master:
+        master.run(n_steps=1)
+        master.write_state(tmp_path / "state.npz")
+        assert [text_of(value) for value in master.values] == ["Grüße, Rad", "Grüße, Rad", "alone"]
+    assert recorder["b.y"].tolist() == ["Grüße, Rad"] * 2
+    # In another process these texts have other numbers: here they are made to.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(texts, "_TEXTS", [""])
+        patch.setattr(texts, "_NUMBERS", {"": 0})
+        number_of("something else")
+        with Master(system()) as master:
+            master.read_state(tmp_path / "state.npz")
+            assert [text_of(value) for value in master.values] == ["Grüße, Rad", "Grüße, Rad", "alone"]
+            master.run(n_steps=2)
+            assert [text_of(value) for value in master.values] == ["Grüße, Rad", "Grüße, Rad", "alone"]
+
+
+def test_a_start_value_must_be_of_its_kind():
+    for port in (
+        Port("u", kind="string", start=1.0),
+        Port("u", start="one"),
+        Port("u", start=(1.0, 2.0), shape=(3,)),
+        Port("u", start=(1.0, float("inf")), shape=(2,)),
+    ):
+        assert "start value" in only_fault(System({"a": part(inputs=[port])}))
+
+
+def test_gains_are_for_floats_and_finite():
+    parts = {"a": part(outputs=[Port("y", kind="int32")]), "b": part(inputs=[Port("u", kind="int32")])}
+    assert "a gain or offset into int32" in only_fault(System(parts, [Connection("a.y", "b.u", gain=2.0)]))
+    parts = {"a": part(outputs=[Port("y")]), "b": part(inputs=[Port("u")])}
+    assert "gain nan" in only_fault(System(parts, [Connection("a.y", "b.u", gain=float("nan"))]))

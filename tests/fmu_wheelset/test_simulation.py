@@ -110,21 +110,44 @@ def test_options_are_accurate_to_1e_6(
     assert (np.abs(found - expected) / size).max() < 1e-6
 
 
-def test_inputs_are_held_over_a_step(plant: MakePlant, reference: SimpleNamespace) -> None:
-    one = plant(drive_mode=TORQUE, forward_dynamics=True, fmi=2).initialise()
+@pytest.mark.parametrize(
+    ("speed", "mode", "steps"),
+    [(1.0, FREE, 10), (1.0, TORQUE, 10), (20.0, TORQUE, 60), (60.0, FREE, 60), (100.0, PRESCRIBED, 60)],
+)
+def test_inputs_are_held_over_a_step(
+    plant: MakePlant, reference: SimpleNamespace, speed: float, mode: DriveMode, steps: int
+) -> None:
+    """Each jump of the inputs starts a transient; large and small ones are followed as accurately."""
+    one = plant(drive_mode=mode, forward_dynamics=True, speed=speed, fmi=2).initialise()
     x = np.array(one.get(*one.states))
-    u, model = dict(reference.INPUTS), reference.Model(TORQUE, True)
+    u, model = reference.INPUTS | {"speed": speed}, reference.Model(mode, True)
     rng = np.random.default_rng(3)
     found, expected = [], []
-    for k in range(60):
-        u |= {"track_lateral_offset": rng.normal(0, 2e-4), "traction_torque": rng.uniform(0, 8e3)}
-        one.set(track_lateral_offset=u["track_lateral_offset"], traction_torque=u["traction_torque"])
+    for k in range(steps):
+        jumps = {"track_lateral_offset": rng.normal(0, 2e-4) * rng.choice([0.01, 1.0])}
+        jumps |= {"traction_torque": rng.uniform(0, 8e3), "prescribed_creepage": rng.uniform(0, 0.01)}
+        u |= jumps
+        one.set(**jumps)
         one.step(k * 1e-3, 1e-3)
         x = exact(model, x, u, np.array([0.0, 1e-3]))[-1]
         found.append(one.get(*one.states))
         expected.append(x)
     difference = np.abs(np.array(found) - expected).max(axis=0)
-    assert (difference / np.abs(expected).max(axis=0)).max() < 1e-6
+    nominal = [v.nominal for v in VARIABLES if v.is_state]
+    assert (difference / np.maximum(np.abs(expected).max(axis=0), nominal)).max() < 1e-6
+
+
+def test_setting_an_input_to_its_present_value_changes_no_bit(plant: MakePlant) -> None:
+    # Masters set all inputs in each step; only a changed one makes the integrator start anew.
+    start = {"drive_mode": TORQUE, "traction_torque": 2e3, "lateral_displacement": 1e-3}
+    alone = plant(**start).initialise().run(20)
+    one = plant(**start).initialise()
+    rows = [one.get(*one.states)]
+    for k in range(20):
+        one.set(traction_torque=2e3, track_lateral_offset=0.0)
+        one.step(k * 1e-3, 1e-3)
+        rows.append(one.get(*one.states))
+    assert np.array_equal(rows, alone)
 
 
 def test_communication_step_does_not_change_the_motion(plant: MakePlant) -> None:
