@@ -1,7 +1,7 @@
 """FMUs for co-simulation behind one interface for FMI 2.0 and 3.0: the only file that uses fmpy.
 
-What differs between the versions lies in `_Slave2` and `_Slave3`, chosen once for each FMU. In the
-loop, C functions are called through ctypes with arguments prepared beforehand.
+What differs between the versions lies in `_Slave2` and `_Slave3`, chosen once for each FMU. Compiled steps
+(`co_sim.fmi_step`) call the C functions by their address.
 """
 
 from __future__ import annotations
@@ -11,32 +11,37 @@ import zipfile
 from abc import ABC, abstractmethod
 from collections import deque
 from contextlib import chdir, suppress
-from ctypes import byref, c_bool, c_double, c_size_t, c_void_p
-from functools import partial
+from ctypes import POINTER, addressof, byref, c_bool, c_char, c_double, c_size_t, c_uint8, c_uint32, c_void_p
+from ctypes import cast as cast_pointer
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import fmpy
-import numpy as np
 from fmpy import fmi2, fmi3
 from fmpy.model_description import read_model_description
 
 from co_sim.errors import InputError
+from co_sim.fmi_description import complete
+from co_sim.fmi_values import write
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Iterable, Sequence
 
+    import numpy as np
     from fmpy.model_description import ModelDescription, ModelVariable
     from numpy.typing import NDArray
 
-    from co_sim.component import Vector
+    from co_sim.component import Kind, Vector
 
-    Call = Callable[[], int]
+    _References = NDArray[np.uint32]
 
-__all__ = ["FmuError", "Slave", "read_description", "slave_type"]
+__all__ = ["FmuError", "Slave", "read_description", "slave_type", "unpack"]
 
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-_WARNING, _FATAL = 1, 4
+_OK, _WARNING, _ERROR, _FATAL, _PENDING = 0, 1, 3, 4, 5
+#: Loading a library changes the working directory, which threads share.
+_LOADING = Lock()
 #: Log messages kept of each FMU: the last ones tell why it failed.
 _MESSAGES = 5
 
@@ -46,22 +51,27 @@ class FmuError(Exception):
 
 
 class Slave(ABC):
-    """An FMU unpacked and loaded, in terms that both versions of FMI share.
+    """An FMU loaded, in terms that both versions of FMI share.
 
     Parameters
     ----------
     description : of the FMU.
-    archive : the FMU.
-    folder : empty and temporary, to unpack into; to be removed by the caller after `release`.
+    folder : with the unpacked archive; to be kept by the caller until `release`.
     """
 
+    version: ClassVar[int]
     prefix: ClassVar[str]
     fmpy_class: ClassVar[Any]
+    #: Names of the functions that the versions spell differently, after "Get", "Serialize" and so on.
+    state: ClassVar[str]
+    deserialise: ClassVar[str]
+    #: Bytes of a state, and what `transfer` passes.
+    _byte: ClassVar[Any]
+    _arguments: ClassVar[Sequence[Any]]
 
-    def __init__(self, description: ModelDescription, archive: Path, folder: str) -> None:
-        fmpy.extract(archive, folder)
+    def __init__(self, description: ModelDescription, folder: str) -> None:
         # fmpy leaves the working directory changed if the library cannot be loaded.
-        with chdir(Path.cwd()):
+        with _LOADING, chdir(Path.cwd()):
             self._fmu = self.fmpy_class(
                 guid=description.guid,
                 modelIdentifier=description.coSimulation.modelIdentifier,
@@ -69,7 +79,12 @@ class Slave(ABC):
             )
         self._log: deque[str] = deque(maxlen=_MESSAGES)
         self._worst = 0
-        self._initialised = False
+        self._states: set[int] = set()
+        self._dropped: deque[int] = deque()
+        #: Whether the initialisation is over.
+        self.is_stepping = False
+        #: Whether no earlier state will be restored, which an FMU may want to know in `do_step`.
+        self.never_back = True
 
     @staticmethod
     @abstractmethod
@@ -81,20 +96,20 @@ class Slave(ABC):
         """Create the instance and collect its log messages."""
 
     @abstractmethod
-    def set_parameter(self, variable: ModelVariable, value: float | int | bool | bytes) -> None:
-        """Set a scalar of any type."""
-
-    @abstractmethod
     def enter_initialisation(self, t0: float) -> None:
         """Enter initialisation mode for a run from `t0` (s)."""
 
     @abstractmethod
-    def _transfer(self, direction: str, references: c_void_p, n: int, values: c_void_p) -> Call:
-        """Return the call that gets or sets `n` floats and returns a status."""
+    def transfer(self, function: Any, references: int, n: int, values: int, n_values: int) -> int:
+        """Set or get `n` variables by the function for their type; return its status."""
 
     @abstractmethod
-    def _stepper(self) -> Callable[[float, float], int]:
-        """Return the call that advances from `t` by `h` and returns a status."""
+    def _do_step(self, t: float, h: float) -> int:
+        """Advance from `t` by `h` and return a status."""
+
+    @abstractmethod
+    def derivative(self, unknowns: _References, knowns: _References, seed: Vector, result: Vector) -> None:
+        """Write the directional derivatives of the unknowns into `result`."""
 
     def instantiate(self) -> None:
         """Create the instance."""
@@ -103,65 +118,125 @@ class Slave(ABC):
         except Exception as error:
             raise FmuError(f"{error}{self._last_words()}") from error
 
-    def bind(self, inputs: Sequence[ModelVariable], outputs: Sequence[ModelVariable]) -> None:
-        """Prepare the calls of the loop."""
-        self._u, self._set_inputs = self._block("Set", inputs)
-        self._y, self._get_outputs = self._block("Get", outputs)
-        self._do_step = self._stepper()
+    @property
+    def instance(self) -> int:
+        """Pointer to the instance."""
+        return cast("int", self._fmu.component)
 
-    def exchange(self, u: Vector, y: Vector) -> None:
-        """Set the inputs and get the outputs."""
-        self._u[:] = u
-        self._check("setting the inputs", self._set_inputs())
-        self._check("getting the outputs", self._get_outputs())
-        y[:] = self._y
+    def configure(self, values: Iterable[tuple[ModelVariable, Kind, Sequence[Any]]]) -> None:
+        """Set structural parameters."""
+        self._call("EnterConfigurationMode")
+        for value in values:
+            self.set(*value)
+        self._call("ExitConfigurationMode")
 
-    def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
-        """Advance with the inputs held."""
-        self._u[:] = u
-        self._check("setting the inputs", self._set_inputs())
-        if not self._initialised:
-            self._call("ExitInitializationMode")
-            self._initialised = True
-        self._check("doStep", self._do_step(t, h))
-        self._check("getting the outputs", self._get_outputs())
-        y[:] = self._y
+    def set(self, variable: ModelVariable, kind: Kind, values: Sequence[Any]) -> None:
+        """Set the elements of a variable, texts as UTF-8."""
+        name, buffer, address = write(self.version, kind, values)
+        reference = c_uint32(variable.valueReference)
+        function = self.function(f"Set{name}")
+        status = self.transfer(function, addressof(reference), 1, address, len(buffer))
+        self.check(f"setting {variable.name}", status)
+
+    def enter_steps(self) -> None:
+        """End the initialisation."""
+        self._call("ExitInitializationMode")
+        self.is_stepping = True
+
+    def do_step(self, t: float, h: float) -> None:
+        """Advance from `t` by `h`."""
+        self.check("doStep", self._do_step(t, h))
+
+    def save(self) -> int:
+        """Return a pointer to a copy of the state."""
+        self._free_states()
+        state = c_void_p()
+        self._call(f"Get{self.state}", byref(state))
+        pointer = cast("int", state.value)
+        self._states.add(pointer)
+        return pointer
+
+    def restore(self, pointer: int, *, is_stepping: bool) -> None:
+        """Return to a state; that is allowed after any failure but a fatal one."""
+        self._free_states()
+        self._call(f"Set{self.state}", c_void_p(pointer))
+        self.is_stepping = is_stepping
+        self._worst = 0
+
+    def drop(self, pointer: int) -> None:
+        """Have a state freed; any thread may do so, at any time, so that it happens later."""
+        self._dropped.append(pointer)
+
+    def serialize(self, pointer: int) -> bytes:
+        """Return a state as bytes."""
+        size = c_size_t()
+        self._call(f"Serialized{self.state}Size", c_void_p(pointer), byref(size))
+        buffer = (c_char * size.value)()
+        self._call(f"Serialize{self.state}", c_void_p(pointer), cast_pointer(buffer, self._byte), size)
+        return buffer.raw
+
+    def deserialize(self, data: bytes) -> int:
+        """Return a pointer to the state from the bytes of `serialize`."""
+        buffer, state = (c_char * len(data)).from_buffer_copy(data), c_void_p()
+        arguments = cast_pointer(buffer, self._byte), c_size_t(len(data)), byref(state)
+        self._call(self.deserialise, *arguments)
+        pointer = cast("int", state.value)
+        self._states.add(pointer)
+        return pointer
 
     def release(self) -> None:
         """Terminate, free and unload, as far as the standard allows in the present state."""
         if self._worst >= _FATAL:
             return  # Not even freeing is allowed then.
         try:
-            if self._initialised and self._worst <= _WARNING:
+            self._dropped.extend(self._states)
+            if self._fmu.component:
+                self._free_states()
+            if self.is_stepping and self._worst <= _WARNING:
                 self._call("Terminate")
         finally:
             # fmpy's freeInstance unloads the library too.
             free = self._fmu.freeInstance if self._fmu.component else self._fmu.freeLibrary
             free()
 
-    def _block(self, direction: str, variables: Sequence[ModelVariable]) -> tuple[Vector, Call]:
-        """Return an array, and the call that sets the variables from it or gets them into it."""
-        values = np.zeros(len(variables))
-        if not variables:
-            return values, lambda: 0
-        references = np.array([variable.valueReference for variable in variables], dtype=np.uint32)
-        transfer = self._transfer(direction, _address(references), len(variables), _address(values))
-        return values, transfer
-
-    def _function(self, name: str, *argument_types: type) -> Any:
-        """Return a C function with argument types of its own; fmpy's declarations stay as they are."""
+    def function(self, name: str) -> Any:
+        """Return a C function that takes what `transfer` gives it; fmpy's declarations stay as they are."""
         function = self._fmu.dll[self.prefix + name]
-        function.argtypes = argument_types
+        function.argtypes = self._arguments
         return function
 
-    def _call(self, name: str, *arguments: object) -> None:
-        self._check(name, getattr(self._fmu.dll, self.prefix + name)(self._fmu.component, *arguments))
+    def address(self, name: str) -> int:
+        """Return the address of a C function."""
+        return cast("int", cast_pointer(self._fmu.dll[self.prefix + name], c_void_p).value)
 
-    def _check(self, action: str, status: int) -> None:
-        if status > _WARNING:
-            self._worst = max(self._worst, status)
-            label = _STATUS[status] if status < len(_STATUS) else str(status)
-            raise FmuError(f"{action} returned the status {label}{self._last_words()}")
+    def check(self, action: str, status: int) -> None:
+        """Raise if a call was refused."""
+        if not _OK <= status <= _WARNING:
+            raise self.refusal(action, status)
+
+    def refusal(self, action: str, status: int) -> FmuError:
+        """Return the error of a call that was refused, and take note of it."""
+        known = 0 <= status < len(_STATUS)
+        self._worst = max(self._worst, status if known else _ERROR)
+        label = _STATUS[status] if known else f"{status}, which is none of FMI"
+        hint = "; asynchronous FMUs are not supported" if status == _PENDING else ""
+        return FmuError(f"{action} returned the status {label}{hint}{self._last_words()}")
+
+    def ended(self, t: float) -> FmuError:
+        """Return the error of an FMU that ended the simulation at `t` (s)."""
+        return FmuError(f"the FMU ended the simulation at t = {t:g} s{self._last_words()}")
+
+    def _free_states(self) -> None:
+        while self._dropped:
+            pointer = self._dropped.popleft()
+            if pointer in self._states:
+                self._states.remove(pointer)
+                self._call(f"Free{self.state}", byref(c_void_p(pointer)))
+
+    def _call(self, name: str, *arguments: object) -> None:
+        if self._worst >= _FATAL:
+            raise FmuError("after a fatal error no call is allowed")
+        self.check(name, getattr(self._fmu.dll, self.prefix + name)(self._fmu.component, *arguments))
 
     def _last_words(self) -> str:
         return f'; its log says "{" | ".join(self._log)}"' if self._log else ""
@@ -170,8 +245,13 @@ class Slave(ABC):
 class _Slave2(Slave):
     """FMI 2.0."""
 
+    version = 2
     prefix = "fmi2"
     fmpy_class = fmi2.FMU2Slave
+    state = "FMUstate"
+    deserialise = "DeSerializeFMUstate"
+    _byte = POINTER(c_char)
+    _arguments = (c_void_p, c_void_p, c_size_t, c_void_p)
 
     @staticmethod
     def library(identifier: str) -> str:
@@ -182,17 +262,26 @@ class _Slave2(Slave):
         _LOGS[self._key] = self._log
         self._fmu.instantiate(callbacks=_callbacks2(self._key), loggingOn=True)
 
-    def set_parameter(self, variable: ModelVariable, value: float | int | bool | bytes) -> None:
-        name = "Integer" if variable.type == "Enumeration" else variable.type
-        reference, c_value = (
-            fmi2.fmi2ValueReference(variable.valueReference),
-            getattr(fmi2, f"fmi2{name}")(value),
-        )
-        self._call(f"Set{name}", byref(reference), 1, byref(c_value))
-
     def enter_initialisation(self, t0: float) -> None:
         self._call("SetupExperiment", 0, 0.0, t0, 0, 0.0)
         self._call("EnterInitializationMode")
+
+    def transfer(self, function: Any, references: int, n: int, values: int, n_values: int) -> int:
+        return cast("int", function(self.instance, references, n, values))
+
+    def _do_step(self, t: float, h: float) -> int:
+        return cast("int", self._fmu.dll.fmi2DoStep(self.instance, t, h, self.never_back))
+
+    def derivative(self, unknowns: _References, knowns: _References, seed: Vector, result: Vector) -> None:
+        self._call(
+            "GetDirectionalDerivative",
+            _pointer(unknowns, c_uint32),
+            len(unknowns),
+            _pointer(knowns, c_uint32),
+            len(knowns),
+            _pointer(seed, c_double),
+            _pointer(result, c_double),
+        )
 
     def release(self) -> None:
         try:
@@ -200,22 +289,17 @@ class _Slave2(Slave):
         finally:
             _LOGS.pop(self._key, None)
 
-    def _transfer(self, direction: str, references: c_void_p, n: int, values: c_void_p) -> Call:
-        function = self._function(f"{direction}Real", c_void_p, c_void_p, c_size_t, c_void_p)
-        return partial(function, c_void_p(self._fmu.component), references, c_size_t(n), values)
-
-    def _stepper(self) -> Callable[[float, float], int]:
-        function = self._function("DoStep", c_void_p, c_double, c_double, fmi2.fmi2Boolean)
-        instance = c_void_p(self._fmu.component)
-        never_back = fmi2.fmi2Boolean(1)
-        return lambda t, h: cast("int", function(instance, t, h, never_back))
-
 
 class _Slave3(Slave):
     """FMI 3.0."""
 
+    version = 3
     prefix = "fmi3"
     fmpy_class = fmi3.FMU3Slave
+    state = "FMUState"
+    deserialise = "DeserializeFMUState"
+    _byte = POINTER(c_uint8)
+    _arguments = (c_void_p, c_void_p, c_size_t, c_void_p, c_size_t)
 
     @staticmethod
     def library(identifier: str) -> str:
@@ -227,36 +311,33 @@ class _Slave3(Slave):
 
         self._fmu.instantiate(loggingOn=True, logMessage=log)
 
-    def set_parameter(self, variable: ModelVariable, value: float | int | bool | bytes) -> None:
-        name = "Int64" if variable.type == "Enumeration" else variable.type
-        reference, c_value = (
-            fmi3.fmi3ValueReference(variable.valueReference),
-            getattr(fmi3, f"fmi3{name}")(value),
-        )
-        self._call(f"Set{name}", byref(reference), 1, byref(c_value), 1)
-
     def enter_initialisation(self, t0: float) -> None:
         self._call("EnterInitializationMode", False, 0.0, t0, False, 0.0)
 
-    def _transfer(self, direction: str, references: c_void_p, n: int, values: c_void_p) -> Call:
-        function = self._function(f"{direction}Float64", c_void_p, c_void_p, c_size_t, c_void_p, c_size_t)
-        size = c_size_t(n)
-        return partial(function, c_void_p(self._fmu.component), references, size, values, size)
+    def transfer(self, function: Any, references: int, n: int, values: int, n_values: int) -> int:
+        return cast("int", function(self.instance, references, n, values, n_values))
 
-    def _stepper(self) -> Callable[[float, float], int]:
-        function = self._function("DoStep", c_void_p, c_double, c_double, c_bool, *[c_void_p] * 4)
-        instance, never_back = c_void_p(self._fmu.component), c_bool(True)
+    def _do_step(self, t: float, h: float) -> int:
         event, terminate, early = c_bool(), c_bool(), c_bool()
         last = c_double()
         results = byref(event), byref(terminate), byref(early), byref(last)
+        status = cast("int", self._fmu.dll.fmi3DoStep(self.instance, t, h, self.never_back, *results))
+        if _OK <= status <= _WARNING and (terminate.value or early.value):
+            raise self.ended(last.value)
+        return status
 
-        def step(t: float, h: float) -> int:
-            status: int = function(instance, t, h, never_back, *results)
-            if terminate.value or early.value:
-                raise FmuError(f"the FMU ended the simulation at t = {last.value:g} s{self._last_words()}")
-            return status
-
-        return step
+    def derivative(self, unknowns: _References, knowns: _References, seed: Vector, result: Vector) -> None:
+        self._call(
+            "GetDirectionalDerivative",
+            _pointer(unknowns, c_uint32),
+            len(unknowns),
+            _pointer(knowns, c_uint32),
+            len(knowns),
+            _pointer(seed, c_double),
+            len(seed),
+            _pointer(result, c_double),
+            len(result),
+        )
 
 
 #: FMI 2 log messages pass through a helper of fmpy that fills in their printf arguments. The helper
@@ -289,15 +370,17 @@ def _text(message: bytes | None) -> str:
     return (message or b"").decode(errors="replace").strip()
 
 
-def _address(array: NDArray[Any]) -> c_void_p:
-    """Return the address of an array; the pointer keeps the array alive."""
-    return array.ctypes.data_as(c_void_p)
+def _pointer(array: NDArray[Any], element: Any) -> Any:
+    """Return a pointer to an array; it keeps the array alive."""
+    return array.ctypes.data_as(POINTER(element))
 
 
 def read_description(path: Path) -> ModelDescription:
     """Return the description of the FMU at `path`, without unpacking the archive."""
     try:
-        return read_model_description(path)
+        description = read_model_description(path)
+        if description.fmiMajorVersion == 3:
+            complete(description, path)
     except Exception as error:
         raise InputError(
             f"FMU {path}",
@@ -305,6 +388,12 @@ def read_description(path: Path) -> ModelDescription:
             expected="a valid FMU archive",
             remedy="check the path, then the archive with `fmpy validate`",
         ) from error
+    return description
+
+
+def unpack(path: Path, folder: str) -> None:
+    """Unpack the archive of an FMU into an empty folder."""
+    fmpy.extract(path, folder)
 
 
 def slave_type(path: Path, description: ModelDescription) -> type[Slave]:

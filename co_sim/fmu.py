@@ -2,44 +2,99 @@
 
 from __future__ import annotations
 
+import copy
+import struct
 from contextlib import ExitStack
+from dataclasses import dataclass
+from math import prod
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import MappingProxyType
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Self, cast
 
-from co_sim.component import Component
-from co_sim.errors import InputError
-from co_sim.fmi import Slave, read_description, slave_type
-from co_sim.fmu_variables import parameter_faults, plain_value, port_faults, port_of, select
+import numpy as np
+
+from co_sim.component import Port, StateError
+from co_sim.errors import Fault, InputError, suggestion
+from co_sim.fmi import FmuError, read_description, slave_type
+from co_sim.fmi_binding import Binding, interpolated, is_native
+from co_sim.fmu_archive import unpacked
+from co_sim.fmu_linearize import local_model
+from co_sim.fmu_parameters import parameter_faults, plain_values, sizes_of
+from co_sim.fmu_variables import attribute, feedthrough, kind_of, port_faults, port_of, select, shape_of
+from co_sim.local_model import NotLinearizableError
+from co_sim.native import NativeComponent
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from co_sim.component import Vector
+    from fmpy.model_description import ModelVariable
 
-__all__ = ["FmuComponent"]
+    from co_sim.component import Kind, Vector
+    from co_sim.fmi import Slave
+    from co_sim.fmu_parameters import Value
+    from co_sim.local_model import LocalModel
+    from co_sim.native import NativeStep
+
+__all__ = ["ContinuousState", "FmuComponent"]
+
+#: Of a serialized state: whether the initialisation is over, order of the derivatives of inputs, length of
+#: the token of the FMU that follows.
+_HEADER = struct.Struct("<?BI")
 
 
-class FmuComponent(Component):
+@dataclass(frozen=True, slots=True)
+class ContinuousState:
+    """A continuous state of an FMU: names and units of the state and of its derivative, and its shape."""
+
+    name: str
+    unit: str
+    derivative: str
+    derivative_unit: str
+    shape: tuple[int, ...] = ()
+
+    @property
+    def elements(self) -> tuple[str, ...]:
+        """Names of the elements."""
+        return Port(self.name, shape=self.shape).elements
+
+
+class _State:
+    """A saved state; the FMU's copy is freed some time after nobody knows this any more."""
+
+    __slots__ = ("is_stepping", "last_order", "pointer", "slave")
+
+    def __init__(self, slave: Slave, pointer: int, last_order: int, *, is_stepping: bool) -> None:
+        self.slave = slave
+        self.pointer = pointer
+        self.last_order = last_order
+        self.is_stepping = is_stepping
+
+    def __del__(self) -> None:
+        self.slave.drop(self.pointer)
+
+
+class FmuComponent(NativeComponent):
     """An FMU for co-simulation.
 
-    The archive is unpacked when the run starts and its files are removed on `close`.
+    Its archive is unpacked when the run starts; the files are removed on `close`. Variables of every type but
+    binaries and clocks can be ports. A number that a variable cannot hold, such as 0.5 for an integer, and a
+    whole number beyond 2**53 stop the run. The step is machine code, unless texts are among the ports.
 
     Parameters
     ----------
     path : the FMU.
-    inputs : names of the inputs that become ports; ``None`` takes all scalar float64 inputs.
-    outputs : names of the scalar float64 variables that become ports, of any causality; ``None`` takes
-        all with causality ``output``.
-    parameters : values set before initialisation: parameters and start values of local and output
-        variables. An enumeration takes the name of its literal or its number.
+    inputs : names of the inputs that become ports; ``None`` takes all.
+    outputs : names of the variables that become ports, of any causality; ``None`` takes all with
+        causality ``output``.
+    parameters : values set before initialisation: parameters, also structural ones, and start values of local
+        and output variables. An enumeration takes the name of its literal or its number, an array nested
+        sequences of its shape.
 
     Raises
     ------
     InputError
         If the archive cannot be read or does not run here, a name is unknown, or a value is of the
-        wrong type or out of its bounds; all faults of names and values are told together.
+        wrong type or shape or out of its bounds; all faults of names and values are told together.
     """
 
     def __init__(
@@ -48,48 +103,257 @@ class FmuComponent(Component):
         *,
         inputs: Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
-        parameters: Mapping[str, float | int | bool | str] = MappingProxyType({}),
+        parameters: Mapping[str, Value] = MappingProxyType({}),
     ) -> None:
         self._path = Path(path)
         self._description = read_description(self._path)
         self._slave_type = slave_type(self._path, self._description)
-        variables = {variable.name: variable for variable in self._description.modelVariables}
+        self._variables = {variable.name: variable for variable in self._description.modelVariables}
         name = self._path.name
         faults = [
-            *port_faults(name, variables, inputs or (), "input"),
-            *port_faults(name, variables, outputs or (), "output"),
-            *parameter_faults(name, variables, parameters),
+            *port_faults(name, self._variables, inputs or (), "input"),
+            *port_faults(name, self._variables, outputs or (), "output"),
+            *parameter_faults(name, self._variables, parameters),
         ]
         if faults:
             raise InputError.from_faults(faults)
-        self._inputs = select(variables, inputs, "input")
-        self._outputs = select(variables, outputs, "output")
-        self._parameters = [(variables[name], value) for name, value in parameters.items()]
-        super().__init__([port_of(v) for v in self._inputs], [port_of(v) for v in self._outputs])
+        self._inputs = select(self._variables, inputs, "input")
+        self._outputs = select(self._variables, outputs, "output")
+        self._own_parameters = dict(parameters)
+        self._parameters = self._own_parameters
+        super().__init__(*self._ports(), feedthrough(self._description, self._inputs, self._outputs))
+        self.takes_derivatives = self._takes_derivatives()
         self._slave: Slave | None = None
+        self._binding: Binding | None = None
         self._resources = ExitStack()
+
+    def __deepcopy__(self, memo: object) -> Self:
+        # Nothing is shared that ever changes.
+        duplicate = copy.copy(self)
+        duplicate._slave = duplicate._binding = None
+        duplicate._resources = ExitStack()
+        return duplicate
+
+    def parameter_faults(self, values: Mapping[str, Value]) -> Iterable[Fault]:
+        """Find parameters that are unknown or whose value is not allowed."""
+        joined = self._own_parameters | dict(values)
+        return parameter_faults(self._path.name, self._variables, joined)
+
+    def set_parameters(self, values: Mapping[str, Value]) -> None:
+        """Take parameters without faults besides those of the constructor; shapes of ports may follow."""
+        self._parameters = self._own_parameters | dict(values)
+        self.inputs, self.outputs = self._ports()
 
     def start(self, t0: float, h: float) -> None:
         """Unpack and load the FMU, set its parameters and enter initialisation mode."""
-        folder = self._resources.enter_context(TemporaryDirectory(prefix=f"{self._path.stem}_"))
-        slave = self._slave_type(self._description, self._path, folder)
+        alone = self._description.coSimulation.canBeInstantiatedOnlyOncePerProcess
+        folder = self._resources.enter_context(unpacked(self._path, alone=alone))
+        slave = self._slave_type(self._description, folder)
         self._resources.callback(slave.release)
         slave.instantiate()
-        for variable, value in self._parameters:
-            slave.set_parameter(variable, plain_value(variable, value))
+        structural = list(self._values(structural=True))
+        if structural:
+            slave.configure(structural)
+        for value in self._values(structural=False):
+            slave.set(*value)
         slave.enter_initialisation(t0)
-        slave.bind(self._inputs, self._outputs)
+        references = {v.name: v.valueReference for v in (*self._inputs, *self._outputs)}
+        self._binding = Binding(slave, self.inputs, self.outputs, references, slopes=self.takes_derivatives)
         self._slave = slave
 
     def exchange(self, u: Vector, y: Vector) -> None:
         """Set the inputs and get the outputs in initialisation mode."""
-        cast("Slave", self._slave).exchange(u, y)
+        self._bound.exchange(u, y)
+
+    def enter_steps(self) -> None:
+        """End initialisation mode."""
+        self._running.enter_steps()
+
+    def native(self) -> NativeStep | None:
+        """Return the step as machine code; ``None`` if texts are among the ports."""
+        return self._bound.native
 
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
-        """Do a step of the FMU; the first one ends initialisation mode."""
-        cast("Slave", self._slave).step(t, h, u, y)
+        """Do a step of the FMU."""
+        if self._bound.native:
+            super().step(t, h, u, y)
+        else:
+            self._bound.step(t, h, u, y)
+
+    def failure(self, status: int) -> Exception:
+        """Return what the FMU says about a step that failed."""
+        return self._bound.failure(status)
+
+    def save(self) -> object:
+        """Return the present state."""
+        self._require("canGetAndSetFMUstate")
+        self._bound.may_return()
+        slave = self._running
+        try:
+            pointer = slave.save()
+        except FmuError as error:
+            raise StateError(str(error)) from error
+        return _State(slave, pointer, self._bound.last_order, is_stepping=slave.is_stepping)
+
+    def restore(self, state: object) -> None:
+        """Return to a state of `save`, also after a step that failed."""
+        own = self._own(state)
+        try:
+            own.slave.restore(own.pointer, is_stepping=own.is_stepping)
+        except FmuError as error:
+            raise StateError(str(error)) from error
+        self._bound.last_order = own.last_order
+
+    def serialize(self, state: object) -> bytes:
+        """Return a state of `save` as bytes that another run of the same FMU takes."""
+        self._require("canSerializeFMUstate")
+        own = self._own(state)
+        token = self._description.guid.encode()
+        try:
+            data = own.slave.serialize(own.pointer)
+        except FmuError as error:
+            raise StateError(str(error)) from error
+        return b"".join((_HEADER.pack(own.is_stepping, own.last_order, len(token)), token, data))
+
+    def deserialize(self, data: bytes) -> object:
+        """Return the state from the bytes of `serialize`."""
+        self._require("canGetAndSetFMUstate")
+        self._require("canSerializeFMUstate")
+        token = self._description.guid.encode()
+        header, rest = data[: _HEADER.size], data[_HEADER.size :]
+        if len(header) < _HEADER.size or not rest.startswith(token):
+            raise StateError(f"the bytes are no state of {self._path.name}")
+        is_stepping, last_order, length = _HEADER.unpack(header)
+        self._bound.may_return()
+        slave = self._running
+        try:
+            pointer = slave.deserialize(rest[length:])
+        except FmuError as error:
+            raise StateError(str(error)) from error
+        return _State(slave, pointer, last_order, is_stepping=is_stepping)
+
+    @property
+    def states(self) -> tuple[ContinuousState, ...] | None:
+        """The continuous states, in the order of the description; ``None`` if it does not tell."""
+        derivatives = [unknown.variable for unknown in self._description.derivatives]
+        if not derivatives:
+            return None
+        sizes = self._sizes
+        return tuple(
+            ContinuousState(
+                variable.derivative.name,
+                attribute(variable.derivative, "unit") or "1",
+                variable.name,
+                attribute(variable, "unit") or "1",
+                shape_of(variable, sizes),
+            )
+            for variable in derivatives
+        )
+
+    @property
+    def provides_derivatives(self) -> bool:
+        """Whether the FMU provides directional derivatives."""
+        return bool(self._description.coSimulation.providesDirectionalDerivative)
+
+    def directional_derivative(
+        self, unknowns: Sequence[str], knowns: Sequence[str], seed: Vector
+    ) -> Vector | None:
+        """Return how the unknowns move when the knowns do, in the present state.
+
+        Parameters
+        ----------
+        unknowns : names of outputs or derivatives of states.
+        knowns : names of inputs or states.
+        seed : direction, one number for each element of the knowns.
+
+        Returns
+        -------
+        One number for each element of the unknowns; ``None`` if the FMU provides no derivatives.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown.
+        FmuError
+            If the FMU refuses.
+        """
+        if not self.provides_derivatives:
+            return None
+        references = self._references(unknowns), self._references(knowns)
+        result = np.zeros(self.size_of(unknowns))
+        self._running.derivative(*references, np.ascontiguousarray(seed, dtype=np.float64), result)
+        return result
+
+    def size_of(self, names: Sequence[str]) -> int:
+        """Return the number of elements of variables."""
+        return sum(prod(shape_of(self._variables[name], self._sizes)) for name in names)
+
+    def linearize(self, t: float, u: Vector) -> LocalModel:
+        """Return the linear model near the present state, from directional derivatives.
+
+        Ports that are not continuous stay as they are: their rows and columns are zero.
+        """
+        self._bound.set_inputs(u)
+        try:
+            return local_model(self)
+        except FmuError as error:
+            raise NotLinearizableError(str(error)) from error
 
     def close(self) -> None:
         """Terminate and free the FMU, unload its library and remove its files."""
-        self._slave = None
+        self._slave = self._binding = None
         self._resources.close()
+
+    @property
+    def _running(self) -> Slave:
+        return cast("Slave", self._slave)
+
+    @property
+    def _bound(self) -> Binding:
+        return cast("Binding", self._binding)
+
+    @property
+    def _sizes(self) -> dict[str, int]:
+        return sizes_of(self._variables, self._parameters)
+
+    def _ports(self) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
+        sizes = self._sizes
+        return (
+            tuple(port_of(variable, sizes) for variable in self._inputs),
+            tuple(port_of(variable, sizes) for variable in self._outputs),
+        )
+
+    def _takes_derivatives(self) -> bool:
+        """Tell whether to set derivatives of inputs; in FMI 3 there is no such call."""
+        can = self._description.fmiMajorVersion == 2 and self._description.coSimulation.canInterpolateInputs
+        return can and bool(interpolated(self.inputs)) and is_native([*self.inputs, *self.outputs])
+
+    def _values(self, *, structural: bool) -> Iterator[tuple[ModelVariable, Kind, list[object]]]:
+        for name, value in self._parameters.items():
+            variable = self._variables[name]
+            if (variable.causality == "structuralParameter") == structural:
+                yield variable, cast("Kind", kind_of(variable)), plain_values(variable, value)
+
+    def _references(self, names: Sequence[str]) -> np.ndarray[tuple[int], np.dtype[np.uint32]]:
+        faults = [
+            Fault(
+                f'variable "{name}" of {self._path.name}',
+                "an unknown name",
+                "a name from its description",
+                suggestion(name, self._variables),
+            )
+            for name in names
+            if name not in self._variables
+        ]
+        if faults:
+            raise InputError.from_faults(faults)
+        return np.array([self._variables[name].valueReference for name in names], dtype=np.uint32)
+
+    def _require(self, flag: str) -> None:
+        if not getattr(self._description.coSimulation, flag):
+            raise StateError(f"{self._path.name} does not declare {flag}")
+
+    def _own(self, state: object) -> _State:
+        if not isinstance(state, _State) or state.slave is not self._slave:
+            raise StateError(f"the state is not one of this run of {self._path.name}")
+        return state

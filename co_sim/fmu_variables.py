@@ -1,31 +1,57 @@
-"""What an FMU's description says about its variables: ports, and the values a parameter may take."""
+"""What an FMU's description says about its variables as ports."""
 
 from __future__ import annotations
 
-import math
-from numbers import Integral, Real
+from math import prod
 from typing import TYPE_CHECKING, cast
 
+from co_sim import fmi_table as at
 from co_sim.component import Port
 from co_sim.errors import Fault, suggestion
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from fmpy.model_description import ModelVariable
+    from fmpy.model_description import ModelDescription, ModelVariable
 
-    Scalar = float | int | bool | str
+    from co_sim.component import Kind
+
     Variables = Mapping[str, ModelVariable]
+    #: Values of structural parameters by name, where they differ from those of the description.
+    Sizes = Mapping[str, int]
 
-__all__ = ["parameter_faults", "plain_value", "port_faults", "port_of", "select"]
+__all__ = ["attribute", "describe", "feedthrough", "kind_of", "port_faults", "port_of", "select", "shape_of"]
 
-_FLOATS = frozenset({"Real", "Float32", "Float64"})
-#: Integer types and their smallest and largest values; ctypes would cut off larger ones without a word.
-_INTEGERS = {"Integer": (-(2**31), 2**31 - 1)} | {
-    f"{prefix}{bits}": (low, high)
-    for bits in (8, 16, 32, 64)
-    for prefix, low, high in (("Int", -(2 ** (bits - 1)), 2 ** (bits - 1) - 1), ("UInt", 0, 2**bits - 1))
+_KINDS: dict[str, Kind] = {
+    "Real": "float64",
+    "Integer": "int32",
+    "Float64": "float64",
+    "Float32": "float32",
+    "Int8": "int8",
+    "UInt8": "uint8",
+    "Int16": "int16",
+    "UInt16": "uint16",
+    "Int32": "int32",
+    "UInt32": "uint32",
+    "Int64": "int64",
+    "UInt64": "uint64",
+    "Boolean": "boolean",
+    "Enumeration": "enumeration",
+    "String": "string",
 }
+
+
+def kind_of(variable: ModelVariable) -> Kind | None:
+    """Return the kind of a port for a variable; ``None`` for binaries and clocks."""
+    return _KINDS.get(variable.type)
+
+
+def shape_of(variable: ModelVariable, sizes: Sizes) -> tuple[int, ...]:
+    """Return the shape of a variable; that of a scalar is empty."""
+    return tuple(
+        int(d.start) if d.variable is None else sizes.get(d.variable.name, int(d.variable.start))
+        for d in variable.dimensions
+    )
 
 
 def select(variables: Variables, names: Sequence[str] | None, causality: str) -> list[ModelVariable]:
@@ -35,14 +61,22 @@ def select(variables: Variables, names: Sequence[str] | None, causality: str) ->
     return [v for v in variables.values() if v.causality == causality and _is_signal(v)]
 
 
-def port_of(variable: ModelVariable) -> Port:
-    """Return the port of a float64 variable; its unit and bounds may be those of its declared type."""
-    start = None if variable.start is None else float(variable.start)
-    return Port(variable.name, _attribute(variable, "unit") or "1", start, variable.description or "")
+def port_of(variable: ModelVariable, sizes: Sizes) -> Port:
+    """Return the port of a variable; its unit may be that of its declared type."""
+    shape = shape_of(variable, sizes)
+    return Port(
+        variable.name,
+        attribute(variable, "unit") or "1",
+        _start(variable, shape),
+        variable.description or "",
+        cast("Kind", kind_of(variable)),
+        shape,
+        variable.variability == "continuous",
+    )
 
 
 def port_faults(fmu: str, variables: Variables, names: Sequence[str], causality: str) -> Iterator[Fault]:
-    """Find names that cannot be ports: an input must be one, an output may be any float64 variable."""
+    """Find names that cannot be ports: an input must be one, an output may be any variable with a value."""
     for name in names:
         what = f'{causality} "{name}" of {fmu}'
         variable = variables.get(name)
@@ -50,97 +84,90 @@ def port_faults(fmu: str, variables: Variables, names: Sequence[str], causality:
         if variable is None:
             yield Fault(what, "an unknown name", "a name from its description", suggestion(name, fitting))
         elif not _is_signal(variable):
-            yield Fault(what, _kind(variable), "a scalar float64", "choose another variable")
+            yield Fault(what, describe(variable), "a number, a boolean or a text", "choose another variable")
         elif causality == "input" and variable.causality != "input":
             yield Fault(
                 what, f"a variable with causality {variable.causality}", "an input", "see its description"
             )
 
 
-def parameter_faults(fmu: str, variables: Variables, values: Mapping[str, Scalar]) -> Iterator[Fault]:
-    """Find names that are unknown or cannot be set, and values of a wrong type or out of bounds."""
-    for name, value in values.items():
-        what = f'parameter "{name}" of {fmu}'
-        variable = variables.get(name)
-        if variable is None:
-            settable = [v.name for v in variables.values() if _is_settable(v)]
-            yield Fault(what, "an unknown name", "a name from its description", suggestion(name, settable))
-        elif not _is_settable(variable):
-            yield Fault(
-                what,
-                f"{_kind(variable)} with causality {variable.causality}",
-                "a scalar parameter or start value",
-                "connect it" if variable.causality == "input" else "leave it out",
-            )
-        elif not _accepts(variable, value):
-            yield Fault(what, repr(value), _expected(variable), "correct the value")
+def feedthrough(
+    description: ModelDescription, inputs: Iterable[ModelVariable], outputs: Iterable[ModelVariable]
+) -> dict[str, list[str]] | None:
+    """Return for each output the inputs on which it depends at once; ``None`` if the FMU does not tell.
+
+    What an output depends on during initialisation counts as well. Continuous states follow nothing at
+    once.
+    """
+    declared: dict[object, set[object]] = {}
+    for unknown in (*description.outputs, *description.initialUnknowns):
+        if unknown.dependencies is not None:
+            known = declared.setdefault(_identity(unknown.variable), set())
+            known.update(map(_identity, unknown.dependencies))
+    told = {_identity(y.variable) for y in description.outputs if y.dependencies is not None}
+    if not told:
+        return None
+    inputs = list(inputs)
+    told |= {_identity(unknown.variable.derivative) for unknown in description.derivatives}
+    return {
+        output.name: [
+            u.name
+            for u in inputs
+            if _identity(u) in declared.get(_identity(output), ())
+            or (_identity(output) not in told and not _is_held(output))
+        ]
+        for output in outputs
+    }
 
 
-def plain_value(variable: ModelVariable, value: Scalar) -> float | int | bool | bytes:
-    """Return an accepted value as C takes it: a literal as its number, a text as UTF-8."""
-    if not isinstance(value, str):
-        return value
-    return _literals(variable)[value] if variable.type == "Enumeration" else value.encode()
-
-
-def _is_signal(variable: ModelVariable) -> bool:
-    return variable.type in {"Real", "Float64"} and not variable.dimensions
-
-
-def _is_settable(variable: ModelVariable) -> bool:
-    if variable.dimensions or not _is_supported(variable.type):
-        return False
-    has_start = variable.causality in {"output", "local"} and variable.variability != "constant"
-    return variable.causality == "parameter" or (has_start and variable.initial in {"exact", "approx"})
-
-
-def _is_supported(kind: str) -> bool:
-    return kind in _FLOATS or kind in _INTEGERS or kind in {"Boolean", "String", "Enumeration"}
-
-
-def _accepts(variable: ModelVariable, value: object) -> bool:
-    if variable.type in {"Boolean", "String"}:
-        return isinstance(value, {"Boolean": bool, "String": str}[variable.type])
-    if variable.type == "Enumeration":
-        literals = _literals(variable)
-        return not isinstance(value, bool) and (value in literals or value in literals.values())
-    if isinstance(value, bool) or not isinstance(value, Integral if variable.type in _INTEGERS else Real):
-        return False
-    low, high = _bounds(variable)
-    return math.isfinite(value) and low <= cast("float", value) <= high
-
-
-def _expected(variable: ModelVariable) -> str:
-    if variable.type == "Boolean":
-        return "True or False"
-    if variable.type == "String":
-        return "a text"
-    if variable.type == "Enumeration":
-        return f"one of {', '.join(_literals(variable))}"
-    low, high = _bounds(variable)
-    kind = "a finite number" if variable.type in _FLOATS else "a whole number"
-    unit = f" {_attribute(variable, 'unit')}" if _attribute(variable, "unit") else ""
-    return f"{kind} from {low:g} to {high:g}{unit}"
-
-
-def _bounds(variable: ModelVariable) -> tuple[float, float]:
-    low, high = _INTEGERS.get(variable.type, (-math.inf, math.inf))
-    declared_low, declared_high = _attribute(variable, "min"), _attribute(variable, "max")
-    number = float if variable.type in _FLOATS else int
-    return (
-        max(low, number(declared_low)) if declared_low else low,
-        min(high, number(declared_high)) if declared_high else high,
-    )
-
-
-def _literals(variable: ModelVariable) -> dict[str, int]:
-    return {item.name: int(item.value) for item in variable.declaredType.items}
-
-
-def _attribute(variable: ModelVariable, name: str) -> str | None:
+def attribute(variable: ModelVariable, name: str) -> str | None:
     """Return an attribute of the variable or, where it has none, of its declared type."""
     return getattr(variable, name) or getattr(variable.declaredType, name, None)
 
 
-def _kind(variable: ModelVariable) -> str:
+def describe(variable: ModelVariable) -> str:
+    """Return in words what a variable is."""
+    if variable.clocks:
+        return f"a clocked variable of type {variable.type}"
     return f"{'an array' if variable.dimensions else 'a scalar'} of type {variable.type}"
+
+
+def _is_signal(variable: ModelVariable) -> bool:
+    return kind_of(variable) is not None and not variable.clocks
+
+
+def _is_held(variable: ModelVariable) -> bool:
+    """Tell whether a variable does not follow inputs."""
+    held = {"parameter", "calculatedParameter", "structuralParameter", "independent"}
+    return variable.causality in held or variable.variability == "constant"
+
+
+def _identity(variable: ModelVariable) -> tuple[str, int]:
+    """Return what variables with the same value have in common."""
+    return variable.type, variable.valueReference
+
+
+def _start(variable: ModelVariable, shape: tuple[int, ...]) -> float | str | tuple[float | str, ...] | None:
+    """Return the start value of a port: none where there is none, or none that fits or can travel."""
+    kind, start = kind_of(variable), variable.start
+    if start is None:
+        return None
+    values: list[float | str]
+    if kind == "string":
+        # An array of texts has a list of them.
+        values = [start] if isinstance(start, str) else list(start)
+    else:
+        numbers = [_number(kind, text) for text in start.split()]
+        if kind in {"int64", "uint64"} and any(abs(number) > at.EXACT for number in numbers):
+            return None
+        values = list(map(float, numbers))
+    if len(values) == 1:
+        return values[0]
+    return tuple(values) if len(values) == prod(shape) else None
+
+
+def _number(kind: Kind | None, text: str) -> float | int:
+    if kind == "boolean":
+        return float(text in {"true", "1"})
+    # Whole numbers beyond 2**53 must not be rounded before they are compared.
+    return float(text) if kind in {"float64", "float32"} else int(text)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import ctypes
 from abc import abstractmethod
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from llvmlite import ir
@@ -41,6 +41,7 @@ __all__ = [
     "caller",
     "doubles_at",
     "integers_at",
+    "pointer_to",
 ]
 
 #: The step as numba sees it; pointers are integers there.
@@ -65,11 +66,12 @@ class NativeStep(NamedTuple):
 class NativeComponent(Component):
     """A component whose step is machine code; the interpreter calls the same code.
 
-    A subclass has its `NativeStep` ready when `start` returns.
+    A subclass has its `NativeStep` ready when `start` returns. One whose step needs the interpreter in some
+    configurations returns ``None`` then, and has a `step` of its own.
     """
 
     @abstractmethod
-    def native(self) -> NativeStep:
+    def native(self) -> NativeStep | None:
         """Return the addresses of the step."""
 
     def failure(self, status: int) -> Exception:
@@ -78,7 +80,7 @@ class NativeComponent(Component):
 
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Advance by the machine code."""
-        address, data = self.native()
+        address, data = cast("NativeStep", self.native())
         status = _c_function(address)(t, h, u.ctypes.data, y.ctypes.data, data)
         if status:
             raise self.failure(status)
@@ -135,7 +137,8 @@ def caller(signature: Any) -> Any:
     return call
 
 
-def _pointer_to(element: Any) -> Any:
+def pointer_to(element: Any) -> Any:
+    """Return a function ``at(address)`` for compiled code: a pointer to its values, for `numba.carray`."""
     pointer = types.CPointer(element)
 
     @intrinsic
@@ -149,5 +152,5 @@ def _pointer_to(element: Any) -> Any:
 
 
 #: For compiled code, with `numba.carray`: the float64 or the int64 values at an address.
-doubles_at = _pointer_to(types.float64)
-integers_at = _pointer_to(types.int64)
+doubles_at = pointer_to(types.float64)
+integers_at = pointer_to(types.int64)

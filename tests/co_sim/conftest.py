@@ -1,4 +1,4 @@
-"""A small FMU, built once a session for both versions of FMI, and a compiled loop over one component."""
+"""Small FMUs, built once a session for both versions of FMI, and a compiled loop over one component."""
 
 import inspect
 import re
@@ -81,22 +81,22 @@ _DESCRIPTION_3 = f"""<?xml version="1.0" encoding="UTF-8"?>
 
 
 def _stubs(source: str) -> str:
-    """Return a stub for each FMI function that the source does not define."""
+    """Return a stub for each FMI function that the source does not mention."""
     names = [
         name
         for cls, prefix in ((fmi2.FMU2Slave, "fmi2"), (fmi3.FMU3Slave, "fmi3"))
         for name, _ in inspect.getmembers(cls)
         if name.startswith(prefix)
     ]
-    defined = set(re.findall(r"\bfmi[23]\w+(?=\()", source))
-    return "".join(f"STUB({name})\n" for name in names if name not in defined)
+    mentioned = set(re.findall(r"\bfmi[23]\w+", source))
+    return "".join(f"STUB({name})\n" for name in names if name not in mentioned)
 
 
-def _build_library(folder: Path) -> Path:
-    source = Path(__file__).with_name("lag.c")
+def _build_library(name: str, folder: Path) -> Path:
+    source = Path(__file__).with_name(f"{name}.c")
     stubs = folder / "stubs.h"
     stubs.write_text(_stubs(source.read_text(encoding="utf-8")), encoding="utf-8")
-    library = folder / f"lag{fmpy.sharedLibraryExtension}"
+    library = folder / f"{name}{fmpy.sharedLibraryExtension}"
     headers = Path(fmpy.__file__).parent / "c-code"
     flags = ["-shared", "-fPIC", "-O1", "-fvisibility=hidden", "-Wall", "-Wextra", f"-isystem{headers}"]
     flags.append(f'-DSTUBS="{stubs.as_posix()}"')
@@ -106,26 +106,40 @@ def _build_library(folder: Path) -> Path:
     return library
 
 
-@pytest.fixture(scope="session")
-def lag_fmus(tmp_path_factory) -> dict[int, Path]:
-    """The archives of the lag by major version of FMI."""
-    folder = tmp_path_factory.mktemp("lag")
-    library = _build_library(folder)
+def _archives(name: str, descriptions: dict[int, str], folder: Path) -> dict[int, Path]:
+    library = _build_library(name, folder)
     archives = {}
-    for version, description, platform in (
-        (2, _DESCRIPTION_2, fmpy.platform),
-        (3, _DESCRIPTION_3, fmpy.platform_tuple),
-    ):
-        archives[version] = folder / f"lag{version}.fmu"
+    for version, description in descriptions.items():
+        platform = {2: fmpy.platform, 3: fmpy.platform_tuple}[version]
+        archives[version] = folder / f"{name}{version}.fmu"
         with zipfile.ZipFile(archives[version], "w") as archive:
             archive.writestr("modelDescription.xml", description)
             archive.write(library, f"binaries/{platform}/{library.name}")
     return archives
 
 
+@pytest.fixture(scope="session")
+def lag_fmus(tmp_path_factory) -> dict[int, Path]:
+    """The archives of the lag by major version of FMI."""
+    return _archives("lag", {2: _DESCRIPTION_2, 3: _DESCRIPTION_3}, tmp_path_factory.mktemp("lag"))
+
+
 @pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])
 def lag_fmu(request, lag_fmus) -> Path:
     return lag_fmus[request.param]
+
+
+@pytest.fixture(scope="session")
+def parrots(tmp_path_factory) -> dict[int, Path]:
+    """The archives of the FMU with ports of every type."""
+    folder = Path(__file__).parent
+    descriptions = {i: (folder / f"parrot{i}.xml").read_text(encoding="utf-8") for i in (2, 3)}
+    return _archives("parrot", descriptions, tmp_path_factory.mktemp("parrot"))
+
+
+@pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])
+def parrot(request, parrots) -> Path:
+    return parrots[request.param]
 
 
 _call = caller(STEP)
