@@ -16,7 +16,10 @@ from co_sim.master import Master
 from co_sim.native import NativeStep
 from co_sim.signals import TimeTable
 from co_sim.system import Connection, System
+from co_sim.wheelset.assembly import assemble
+from co_sim.wheelset.experiment import Laboratory
 from co_sim.wheelset.identification import MEASUREMENTS, IdentifierComponent
+from co_sim.wheelset.scenario_file import load_scenario
 from co_sim.wheelset.sensors import Channel, Sensors, SensorSpec
 from co_sim.wheelset.track import TrackInput, synthesise
 from estimator import (
@@ -186,6 +189,24 @@ def test_noise_is_that_of_numpy_s_generator() -> None:
     # The first of all normal numbers is that of the start; 40 000 reach the tail of the ziggurat.
     noise = 0.3 * np.random.default_rng(seed).standard_normal(40_001)[1:]
     np.testing.assert_array_equal(run(system, n=40_000)[:, 1], 1.0 + 2.0 + noise)
+
+
+@pytest.mark.parametrize("name", ["default", "adhesion-drop"])
+def test_the_packaged_schemes_need_no_interpreter_and_resume(
+    name: str, identifier: Identifier, tmp_path: Path
+) -> None:
+    scenario, folder = load_scenario(name)
+    case = Laboratory(scenario, name, folder).cases[0]
+    systems = [assemble(scenario, case, identifier) for _ in range(2)]
+    whole = run(systems[0])
+    np.testing.assert_array_equal(run(systems[0], compiled=False), whole)
+    with Master(systems[0]) as master:
+        rows_of(master, 60)
+        assert all(isinstance(c.native(), NativeStep) for c in systems[0].components.values())
+        master.write_state(tmp_path / "state")
+    with Master(systems[1]) as master:
+        master.read_state(tmp_path / "state")
+        np.testing.assert_array_equal(rows_of(master, STEPS - 60), whole[60:])
 
 
 @pytest.mark.parametrize("compiled", [True, False])
