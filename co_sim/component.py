@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from co_sim.native import NativeStep
+    from co_sim.units import Unit
 
     Vector = NDArray[np.float64]
     Scalar = float | int | bool | str
@@ -78,6 +79,7 @@ class Port:
     shape : of an array; empty for a scalar.
     continuous : whether the value moves smoothly between communication points, so that it may be
         extrapolated; of use for floating-point kinds only.
+    definition : what the unit means, where that is declared with it; else its common meaning.
     """
 
     name: str
@@ -87,6 +89,7 @@ class Port:
     kind: Kind = "float64"
     shape: tuple[int, ...] = ()
     continuous: bool = True
+    definition: Unit | None = None
 
     @property
     def size(self) -> int:

@@ -43,7 +43,7 @@ __all__ = ["CouplingWarning", "Master", "step_count"]
 
 #: Blocks are made as long as this, s: short enough for an interrupt, long enough to cost nothing.
 _BLOCK_TIME = 0.02
-_FIRST_BLOCK, _LONGEST_BLOCK = 16, 8192
+_FIRST_BLOCK, _LONGEST_BLOCK = 1, 8192
 #: Values in the table of a block at most: 8 MB.
 _BLOCK_VALUES = 1_000_000
 

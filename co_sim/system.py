@@ -152,7 +152,7 @@ class System:
             )
             for connection in self.connections
             for origin, aim in [(outputs[connection.source], inputs[connection.target])]
-            for factor, shift in [conversion(origin.port.unit, aim.port.unit) or (1.0, 0.0)]
+            for factor, shift in [_conversion(origin.port, aim.port) or (1.0, 0.0)]
             for smooth in [_is_smooth(origin.port) and _is_smooth(aim.port)]
             for source, target in zip(origin.elements, aim.elements, strict=True)
         ]
@@ -309,7 +309,7 @@ def _mismatches(connection: Connection, source: _End, target: _End) -> Iterator[
             "convert in a component between them",
         )
     else:
-        yield from _unit_faults(what, source.port.unit, target.port.unit)
+        yield from _unit_faults(what, source.port, target.port)
     if not (math.isfinite(connection.gain) and math.isfinite(connection.offset)):
         got = f"gain {connection.gain}, offset {connection.offset}"
         yield Fault(what, got, "finite numbers", "correct them")
@@ -317,9 +317,9 @@ def _mismatches(connection: Connection, source: _End, target: _End) -> Iterator[
         yield Fault(what, f"a gain or offset into {target.port.kind}", "a floating-point input", "remove it")
 
 
-def _unit_faults(what: str, source: str, target: str) -> Iterator[Fault]:
+def _unit_faults(what: str, source: Port, target: Port) -> Iterator[Fault]:
     try:
-        factor = conversion(source, target)
+        factor = _conversion(source, target)
     except UnknownUnitError as error:
         for fault in error.faults:
             yield Fault(f"{what}: {fault.what}", fault.got, fault.expected, fault.remedy)
@@ -327,10 +327,16 @@ def _unit_faults(what: str, source: str, target: str) -> Iterator[Fault]:
     if factor is None:
         yield Fault(
             what,
-            f'"{canonical_unit(source)}" into "{canonical_unit(target)}"',
+            f'"{canonical_unit(source.unit)}" into "{canonical_unit(target.unit)}"',
             "units of the same dimension at both ends",
             "correct the unit of a port, or convert in a component between them",
         )
+
+
+def _conversion(source: Port, target: Port) -> tuple[float, float] | None:
+    """Return factor and offset between the units of two ports, or ``None``."""
+    declared = [{} if port.definition is None else {port.unit: port.definition} for port in (source, target)]
+    return conversion(source.unit, target.unit, *declared)
 
 
 def _shape(end: _End) -> str:

@@ -14,6 +14,7 @@ from co_sim import (
     texts,
 )
 from co_sim.texts import number_of, text_of
+from co_sim.units import Unit
 
 
 def part(inputs=(), outputs=()):
@@ -284,3 +285,16 @@ def test_gains_are_for_floats_and_finite():
     assert "a gain or offset into int32" in only_fault(System(parts, [Connection("a.y", "b.u", gain=2.0)]))
     parts = {"a": part(outputs=[Port("y")]), "b": part(inputs=[Port("u")])}
     assert "gain nan" in only_fault(System(parts, [Connection("a.y", "b.u", gain=float("nan"))]))
+
+
+def test_a_declared_unit_means_what_its_declaration_says():
+    league = Unit(m=1, factor=4828.0)
+    parts = {
+        "a": Constant([2.0], [Port("y", "league", definition=league)]),
+        "b": echo(Port("u", "km"), Port("y", "km")),
+        "c": echo(Port("u", "s"), Port("y", "s")),
+    }
+    values = values_of(System({"a": parts["a"], "b": parts["b"]}, [Connection("a.y", "b.u")]))
+    assert values["b.y"] == pytest.approx(9.656, rel=1e-15)
+    wrong = System({"a": parts["a"], "c": parts["c"]}, [Connection("a.y", "c.u")])
+    assert '"league" into "s"' in only_fault(wrong)
