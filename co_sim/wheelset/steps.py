@@ -1,6 +1,9 @@
 """The machine code of the components of the wheelset scheme; their classes say what it does and why.
 
 Apart from the components, as in `co_sim.steps`, so that who only describes a system need not wait for numba.
+
+numba caches machine code by the date of this file, also what it has compiled in from `estimator`: a change
+there must touch this file.
 """
 
 from __future__ import annotations
