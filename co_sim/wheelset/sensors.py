@@ -156,7 +156,7 @@ class Sensors(TableComponent):
         specs = [channel.spec for channel in self.channels]
         self._numbers = np.array(
             [(_decay(spec, h), spec.bias, spec.noise_rms, math.nan, math.nan) for spec in specs]
-        )
+        ).reshape(-1, 5)
         periods = [_steps_per_sample(channel, h) for channel in self.channels]
         addresses = [generator.bit_generator.ctypes.bit_generator.value for generator in self._generators]
         self._counts = np.array([addresses, periods, periods], dtype=np.int64).T.copy()
