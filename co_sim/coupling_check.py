@@ -107,15 +107,19 @@ class CouplingCheck:
         )
         if self.verdict == "inaccurate":
             return f"A step of {self.step:g} s is coarse: {found}{remedy}."
-        return f"A step of {self.step:g} s is fine: at most, {found}."
+        return f"A step of {self.step:g} s is fine: {found}, and no signal by more."
 
     def _table(self) -> list[str]:
         width = max(len(s.name) for s in self.signals)
         head = f"{'signal':{width}}  {'error':>10}  {'unit':8}  {'of range':>9}  order"
         return [head] + [
-            f"{s.name:{width}}  {s.error:10.3g}  {s.unit:8}  {s.relative:9.2%}  {_number(s.order)}"
+            f"{s.name:{width}}  {s.error:10.3g}  {s.unit:8}  {_percent(s.relative):>9}  {_number(s.order)}"
             for s in self.signals
         ]
+
+
+def _percent(share: float) -> str:
+    return f"{share:.2%}" if share < 100.0 else f"{100.0 * share:.1e}%"
 
 
 def _number(order: float) -> str:
