@@ -9,6 +9,7 @@ from co_sim.fmu import FmuComponent
 from co_sim.linear import LinearComponent
 from co_sim.linearize import Linearization, linearize
 from co_sim.master import CouplingWarning, Master
+from co_sim.model_exchange import ExchangeFmu
 from co_sim.observers import (
     CsvWriter,
     Live,
@@ -34,6 +35,7 @@ __all__ = [
     "CouplingCheck",
     "CouplingWarning",
     "CsvWriter",
+    "ExchangeFmu",
     "Fault",
     "FmuComponent",
     "FunctionComponent",

@@ -1,4 +1,4 @@
-"""FMUs for co-simulation behind one interface for FMI 2.0 and 3.0: the only file that uses fmpy.
+"""FMUs behind one interface for FMI 2.0 and 3.0; only this file and `co_sim.exchange_model` use fmpy.
 
 What differs between the versions lies in `_Slave2` and `_Slave3`, chosen once for each FMU. Compiled steps
 (`co_sim.fmi_step`) call the C functions by their address.
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     _References = NDArray[np.uint32]
 
-__all__ = ["FmuError", "Slave", "read_description", "slave_type", "unpack"]
+__all__ = ["FmuError", "Slave", "read_description", "require_library", "slave_type", "unpack"]
 
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _OK, _WARNING, _ERROR, _FATAL, _PENDING = 0, 1, 3, 4, 5
@@ -74,7 +74,7 @@ class Slave(ABC):
         with _LOADING, chdir(Path.cwd()):
             self._fmu = self.fmpy_class(
                 guid=description.guid,
-                modelIdentifier=description.coSimulation.modelIdentifier,
+                modelIdentifier=self.interface(description).modelIdentifier,
                 unzipDirectory=folder,
             )
         self._log: deque[str] = deque(maxlen=_MESSAGES)
@@ -85,6 +85,11 @@ class Slave(ABC):
         self.is_stepping = False
         #: Whether no earlier state will be restored, which an FMU may want to know in `do_step`.
         self.never_back = True
+
+    @staticmethod
+    def interface(description: ModelDescription) -> Any:
+        """Return what the description says about the interface type that is used."""
+        return description.coSimulation
 
     @staticmethod
     @abstractmethod
@@ -407,7 +412,12 @@ def slave_type(path: Path, description: ModelDescription) -> type[Slave]:
             expected="FMI 2.0 or 3.0 for co-simulation",
             remedy="export the model again for co-simulation",
         )
-    library = version.library(description.coSimulation.modelIdentifier)
+    require_library(path, version.library(description.coSimulation.modelIdentifier))
+    return version
+
+
+def require_library(path: Path, library: str) -> None:
+    """Refuse an FMU without the library for this platform."""
     with zipfile.ZipFile(path) as archive:
         contained = archive.namelist()
     if library not in contained:
@@ -417,4 +427,3 @@ def slave_type(path: Path, description: ModelDescription) -> type[Slave]:
             expected="a library for this platform",
             remedy="build it for here",
         )
-    return version

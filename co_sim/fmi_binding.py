@@ -105,13 +105,13 @@ class Binding:
         self._table[at.NEVER_BACK] = 0
 
     @property
-    def last_order(self) -> int:
-        """Highest order of the derivatives of inputs that the instance holds: part of its state."""
-        return int(self._table[at.LAST_ORDER])
+    def memory(self) -> bytes:
+        """What belongs to the state besides that of the instance: the order of its input derivatives."""
+        return bytes([self._table[at.LAST_ORDER]])
 
-    @last_order.setter
-    def last_order(self, order: int) -> None:
-        self._table[at.LAST_ORDER] = order
+    @memory.setter
+    def memory(self, data: bytes) -> None:
+        (self._table[at.LAST_ORDER],) = data
 
     def set_inputs(self, u: Vector) -> None:
         """Set the inputs."""

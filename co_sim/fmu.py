@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Self, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ContinuousState", "FmuComponent"]
 
-#: Of a serialized state: whether the initialisation is over, order of the derivatives of inputs, length of
-#: the token of the FMU that follows.
-_HEADER = struct.Struct("<?BI")
+#: Of a serialized state: whether the initialisation is over, and the lengths of the token of the FMU and of
+#: the binding's memory, which follow.
+_HEADER = struct.Struct("<?II")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +61,12 @@ class ContinuousState:
 class _State:
     """A saved state; the FMU's copy is freed some time after nobody knows this any more."""
 
-    __slots__ = ("is_stepping", "last_order", "pointer", "slave")
+    __slots__ = ("is_stepping", "memory", "pointer", "slave")
 
-    def __init__(self, slave: Slave, pointer: int, last_order: int, *, is_stepping: bool) -> None:
+    def __init__(self, slave: Slave, pointer: int, memory: bytes, *, is_stepping: bool) -> None:
         self.slave = slave
         self.pointer = pointer
-        self.last_order = last_order
+        self.memory = memory
         self.is_stepping = is_stepping
 
     def __del__(self) -> None:
@@ -107,7 +107,7 @@ class FmuComponent(NativeComponent):
     ) -> None:
         self._path = Path(path)
         self._description = read_description(self._path)
-        self._slave_type = slave_type(self._path, self._description)
+        self._slave_type = self._adapter()
         self._variables = {variable.name: variable for variable in self._description.modelVariables}
         name = self._path.name
         faults = [
@@ -146,7 +146,7 @@ class FmuComponent(NativeComponent):
 
     def start(self, t0: float, h: float) -> None:
         """Unpack and load the FMU, set its parameters and enter initialisation mode."""
-        alone = self._description.coSimulation.canBeInstantiatedOnlyOncePerProcess
+        alone = self._interface.canBeInstantiatedOnlyOncePerProcess
         folder = self._resources.enter_context(unpacked(self._path, alone=alone))
         slave = self._slave_type(self._description, folder)
         self._resources.callback(slave.release)
@@ -157,8 +157,7 @@ class FmuComponent(NativeComponent):
         for value in self._values(structural=False):
             slave.set(*value)
         slave.enter_initialisation(t0)
-        references = {v.name: v.valueReference for v in (*self._inputs, *self._outputs)}
-        self._binding = Binding(slave, self.inputs, self.outputs, references, slopes=self.takes_derivatives)
+        self._binding = self._bind(slave)
         self._slave = slave
 
     def exchange(self, u: Vector, y: Vector) -> None:
@@ -193,7 +192,7 @@ class FmuComponent(NativeComponent):
             pointer = slave.save()
         except FmuError as error:
             raise StateError(str(error)) from error
-        return _State(slave, pointer, self._bound.last_order, is_stepping=slave.is_stepping)
+        return _State(slave, pointer, self._bound.memory, is_stepping=slave.is_stepping)
 
     def restore(self, state: object) -> None:
         """Return to a state of `save`, also after a step that failed."""
@@ -202,7 +201,7 @@ class FmuComponent(NativeComponent):
             own.slave.restore(own.pointer, is_stepping=own.is_stepping)
         except FmuError as error:
             raise StateError(str(error)) from error
-        self._bound.last_order = own.last_order
+        self._bound.memory = own.memory
 
     def serialize(self, state: object) -> bytes:
         """Return a state of `save` as bytes that another run of the same FMU takes."""
@@ -213,7 +212,8 @@ class FmuComponent(NativeComponent):
             data = own.slave.serialize(own.pointer)
         except FmuError as error:
             raise StateError(str(error)) from error
-        return b"".join((_HEADER.pack(own.is_stepping, own.last_order, len(token)), token, data))
+        header = _HEADER.pack(own.is_stepping, len(token), len(own.memory))
+        return b"".join((header, token, own.memory, data))
 
     def deserialize(self, data: bytes) -> object:
         """Return the state from the bytes of `serialize`."""
@@ -223,14 +223,14 @@ class FmuComponent(NativeComponent):
         header, rest = data[: _HEADER.size], data[_HEADER.size :]
         if len(header) < _HEADER.size or not rest.startswith(token):
             raise StateError(f"the bytes are no state of {self._path.name}")
-        is_stepping, last_order, length = _HEADER.unpack(header)
+        is_stepping, n, n_memory = _HEADER.unpack(header)
         self._bound.may_return()
         slave = self._running
         try:
-            pointer = slave.deserialize(rest[length:])
+            pointer = slave.deserialize(rest[n + n_memory :])
         except FmuError as error:
             raise StateError(str(error)) from error
-        return _State(slave, pointer, last_order, is_stepping=is_stepping)
+        return _State(slave, pointer, rest[n : n + n_memory], is_stepping=is_stepping)
 
     @property
     def states(self) -> tuple[ContinuousState, ...] | None:
@@ -253,7 +253,7 @@ class FmuComponent(NativeComponent):
     @property
     def provides_derivatives(self) -> bool:
         """Whether the FMU provides directional derivatives."""
-        return bool(self._description.coSimulation.providesDirectionalDerivative)
+        return bool(self._interface.providesDirectionalDerivative)
 
     def directional_derivative(
         self, unknowns: Sequence[str], knowns: Sequence[str], seed: Vector
@@ -305,6 +305,23 @@ class FmuComponent(NativeComponent):
         self._resources.close()
 
     @property
+    def _interface(self) -> Any:
+        """What the description says about the interface type that is used."""
+        return self._slave_type.interface(self._description)
+
+    def _adapter(self) -> type[Slave]:
+        return slave_type(self._path, self._description)
+
+    def _bind(self, slave: Slave) -> Binding:
+        return Binding(
+            slave, self.inputs, self.outputs, self._value_references, slopes=self.takes_derivatives
+        )
+
+    @property
+    def _value_references(self) -> dict[str, int]:
+        return {v.name: v.valueReference for v in (*self._inputs, *self._outputs)}
+
+    @property
     def _running(self) -> Slave:
         return cast("Slave", self._slave)
 
@@ -350,7 +367,7 @@ class FmuComponent(NativeComponent):
         return np.array([self._variables[name].valueReference for name in names], dtype=np.uint32)
 
     def _require(self, flag: str) -> None:
-        if not getattr(self._description.coSimulation, flag):
+        if not getattr(self._interface, flag):
             raise StateError(f"{self._path.name} does not declare {flag}")
 
     def _own(self, state: object) -> _State:

@@ -67,7 +67,7 @@ def linearize(
 
     Parameters
     ----------
-    master : started here if need be.
+    master : started here if need be; its initialisation ends.
     inputs : patterns for the outside inputs, ``"component.input"``; ``None`` takes all that are not
         connected. An outside input adds to what a connection feeds.
     outputs : patterns for signals.
@@ -80,7 +80,8 @@ def linearize(
     """
     import control
 
-    master.start()
+    # Some FMUs give derivatives of states only when these are no longer to be found.
+    master.enter_steps()
     system, parts = master.system, master.parts
     models = {part.name: _local(part, master) for part in parts}
     dt = _common_dt(models)

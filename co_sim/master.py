@@ -161,6 +161,12 @@ class Master:
             if self.system.coupling.algorithm == "iterated":
                 self.save()  # tells now which component cannot be taken back
 
+    def enter_steps(self) -> None:
+        """End the initialisation, as the first step would; starts the components if need be."""
+        self.start()
+        with self._closed_on_error():
+            self._enter_steps()
+
     def step(self) -> None:
         """Advance all components by one step; starts them if need be.
 
@@ -327,16 +333,19 @@ class Master:
     def _advance(self, n: int) -> None:
         """Make `n` steps; if one fails, those before it are complete."""
         self._make_room(n)
-        if not self._begun:
-            for name, component in self.system.components.items():
-                self._ask(name, component.enter_steps)
-            self._begun = True
+        self._enter_steps()
         assert self._loop is not None
         made, failure = self._loop.advance(self._rows, self._row, self.k, n)
         self._row += made
         self.k += made
         if failure:
             raise self._error_of(failure)
+
+    def _enter_steps(self) -> None:
+        if not self._begun:
+            for name, component in self.system.components.items():
+                self._ask(name, component.enter_steps)
+            self._begun = True
 
     def _make_room(self, n: int) -> None:
         """Have `n` rows below the present one, and its history above."""

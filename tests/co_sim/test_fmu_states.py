@@ -208,6 +208,30 @@ def test_the_wheelset_takes_the_same_steps_in_the_interpreter(plant):
     np.testing.assert_array_equal(drive(plant, range(50), plant._bound.step), expected)
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_linear_model_of_the_wheelset_is_that_of_differences(version):
+    path = wheelset(fmi=version)
+    states = FmuComponent(path).states
+    moving = ("lateral_displacement", "yaw_angle", "lateral_velocity", "yaw_rate")
+
+    def derivatives(name, value):
+        fmu = FmuComponent(path, outputs=[s.derivative for s in states], parameters={name: value})
+        fmu.start(0.0, 1e-3)
+        y = np.zeros(len(states))
+        fmu.exchange(np.array([port.start for port in fmu.inputs]), y)
+        fmu.close()
+        return y
+
+    fmu = FmuComponent(path, outputs=[state.name for state in states])
+    begin_plant(fmu)
+    model = fmu.linearize(0.0, np.array([port.start for port in fmu.inputs]))
+    fmu.close()
+    np.testing.assert_array_equal(model.C, np.eye(len(states)))
+    for name in moving:
+        found = (derivatives(name, 1e-6) - derivatives(name, -1e-6)) / 2e-6
+        np.testing.assert_allclose(model.A[:, model.states.index(name)], found, rtol=1e-6, atol=1e-9)
+
+
 def test_instances_share_a_folder_while_they_live(lag_fmu, temporary_folder):
     first, second = FmuComponent(lag_fmu), FmuComponent(lag_fmu)
     first.start(0.0, H)
