@@ -33,8 +33,8 @@ class Coupling:
     loops : at the start, ``"solve"`` algebraic loops between outputs and inputs, or ``"refuse"`` them.
     tolerance : of solved loops and of iterated steps, relative to the largest value a signal has had.
     max_iterations : of one step; ``"iterated"`` fails beyond.
-    divergence : a run stops when a signal has grown this many times without pause, and beyond this
-        value in its own unit; ``inf`` lets it grow.
+    divergence : a run stops when a signal has grown this many times without pause, its largest jump not
+        counted, and beyond this value in its own unit; ``inf`` lets it grow.
     """
 
     algorithm: Algorithm = "jacobi"

@@ -84,7 +84,7 @@ class CouplingCheck:
     stopped: tuple[str | None, ...]
 
     def __str__(self) -> str:
-        return "\n".join([self.sentence, *self._table()])
+        return "\n".join([self.sentence, *self._all_stopped(), *self._table()])
 
     @property
     def sentence(self) -> str:
@@ -108,6 +108,11 @@ class CouplingCheck:
         if self.verdict == "inaccurate":
             return f"A step of {self.step:g} s is coarse: {found}{remedy}."
         return f"A step of {self.step:g} s is fine: {found}, and no signal by more."
+
+    def _all_stopped(self) -> list[str]:
+        """Return what ended the finest run too, so that the step is not to blame."""
+        reason = self.stopped[-1]
+        return [f"Even with a quarter of the step the run stopped: {reason}."] if reason else []
 
     def _table(self) -> list[str]:
         width = max(len(s.name) for s in self.signals)
@@ -214,7 +219,7 @@ def _verdict(errors: Sequence[SignalError], tables: Sequence[Matrix], stopped: S
     worst = errors[0]
     if stopped[0] and not stopped[-1]:
         return "unstable"
-    if worst.relative <= _TOLERABLE and not any(stopped):
+    if worst.relative <= _TOLERABLE and (all(stopped) or not any(stopped)):
         return "fine"
     coarse, _, fine = tables
     outgrown = np.abs(coarse).max(axis=0) > 10.0 * np.maximum(np.abs(fine).max(axis=0), 1e-300)

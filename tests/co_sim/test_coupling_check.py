@@ -164,6 +164,19 @@ def test_a_system_that_is_unstable_by_nature_is_not_blamed_on_its_coupling():
     assert check.verdict == "fine"
 
 
+def test_a_stop_of_all_runs_is_told_and_not_blamed_on_the_step():
+    def tank(t, u):
+        if t > 0.5:
+            raise ValueError("the tank is empty")
+        return [t]
+
+    parts = {"tank": FunctionComponent(tank, outputs=[Port("level")])}
+    check = check_coupling(System(parts, step=1e-2), 1.0)
+    assert check.verdict == "fine"
+    assert check.compared_until == pytest.approx(0.5)
+    assert "Even with a quarter of the step the run stopped: the tank is empty.\n" in str(check)
+
+
 def test_results_that_do_not_converge_are_called_so():
     class Moody(Component):
         """Depends on the step in a way that no smaller step cures."""
