@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from rich import box
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -70,18 +71,27 @@ def entries() -> list[Entry]:
         Entry("wheelset-cosim, compiled", "masters.ours:Compiled"),
         Entry("wheelset-cosim, Python path", "masters.ours:Interpreted"),
         Entry(
-            "FMU Manipulation Toolbox container, one doStep for all steps",
+            "fmutool container, one call for all steps",
             "masters.containers:ToolboxContainerAtOnce",
             modes=(False,),
-            remark="nothing between start and end can be seen",
+            remark="FMU Manipulation Toolbox; nothing between start and end can be seen",
         ),
-        Entry("FMU Manipulation Toolbox container, in fmpy", "masters.containers:ToolboxContainer"),
-        Entry("fmpy container, in fmpy", "masters.containers:FmpyContainer"),
-        Entry("ecospy", "masters.ecos:Ecos", remark="records to CSV with 6 decimals"),
+        Entry("fmutool container in fmpy", "masters.containers:ToolboxContainer"),
+        Entry("fmpy container in fmpy", "masters.containers:FmpyContainer"),
+        Entry("ecospy", "masters.ecos:Ecos", remark="records into a CSV file with 6 decimals"),
         Entry("fmpy, loop by hand", "masters.fmpy_masters:FmpyLoop"),
-        Entry("libcosimpy", "masters.cosim:Libcosim", remark="steps FMUs in threads"),
-        Entry("fmpy, simulate_ssp", "masters.fmpy_masters:FmpySsp", modes=(True,), remark="always records"),
-        Entry("pathsim-fmi", "masters.pathsim:PathSim", remark="FMUs one after the other: Gauss-Seidel"),
+        Entry("libcosimpy", "masters.cosim:Libcosim", remark="steps FMUs in threads of its own"),
+        Entry(
+            "fmpy, simulate_ssp",
+            "masters.fmpy_masters:FmpySsp",
+            modes=(True,),
+            remark="always records; its time includes unpacking the FMUs",
+        ),
+        Entry(
+            "pathsim-fmi",
+            "masters.pathsim:PathSim",
+            remark="steps FMUs one after the other, so that the second sees the first one's new values",
+        ),
     ]
 
 
@@ -136,23 +146,24 @@ def _time(entry: Entry, steps: int) -> None:
 
 def table(case: Case, contenders: list[Entry], steps: int) -> Table:
     """Return the table of a case."""
-    result = Table(title=f"{case.title}: {steps} steps of {case.step * 1e3:g} ms", title_justify="left")
-    result.add_column("master")
-    for mode in ("not recording", "recording"):
-        result.add_column(f"ns a step, {mode}", justify="right")
-        result.add_column("ratio", justify="right")
-    result.add_column("deviation", justify="right")
+    result = _markdown(f"{case.title}: {steps} steps of {case.step * 1e3:g} ms")
+    result.add_column("master", no_wrap=True)
+    for heading in ("ns a step", "ratio", "ns, recording", "ratio, recording", "deviation"):
+        result.add_column(heading, justify="right", no_wrap=True)
     floor = contenders[0]
     for entry in contenders:
-        title = f"{entry.title} [dim]({entry.remark})[/]" if entry.remark else entry.title
         if entry.failure:
-            result.add_row(title, f"[red]{entry.failure}[/]")
+            result.add_row(entry.title, "failed: see below")
             continue
-        cells = []
-        for mode in (False, True):
-            cells += _cells(entry.times[mode], floor.times[mode], steps)
-        result.add_row(title, *cells, "same bits" if entry.deviation == 0.0 else f"{entry.deviation:.0e}")
+        cells = [
+            cell for mode in (False, True) for cell in _cells(entry.times[mode], floor.times[mode], steps)
+        ]
+        result.add_row(entry.title, *cells, f"{entry.deviation:.0e}" if entry.deviation else "same bits")
     return result
+
+
+def _markdown(title: str) -> Table:
+    return Table(title=title, title_justify="left", title_style="bold", box=box.MARKDOWN)
 
 
 def _cells(times: list[float], floor: list[float], steps: int) -> tuple[str, str]:
@@ -161,13 +172,22 @@ def _cells(times: list[float], floor: list[float], steps: int) -> tuple[str, str
     ratios = [time / least for time, least in zip(times, floor, strict=True)]
     return (
         f"{statistics.median(times) / steps * 1e9:.0f}",
-        f"{statistics.median(ratios):.2f} [dim]({min(ratios):.2f} .. {max(ratios):.2f})[/]",
+        f"{statistics.median(ratios):.2f} ({min(ratios):.2f} .. {max(ratios):.2f})",
     )
+
+
+def notes(contenders: list[Entry]) -> list[str]:
+    """Return what is to be said of masters that failed, or do another thing."""
+    return [
+        f"{entry.title}: {entry.failure or entry.remark}"
+        for entry in contenders
+        if entry.failure or entry.remark
+    ]
 
 
 def start_table(processes: list[tuple[str, dict[str, float]]]) -> Table:
     """Return what a new process spends until its first steps are made."""
-    result = Table(title="a new process, seconds", title_justify="left")
+    result = _markdown("a new process, s")
     result.add_column("machine code")
     for what in processes[0][1]:
         result.add_column(what, justify="right")
@@ -179,22 +199,28 @@ def start_table(processes: list[tuple[str, dict[str, float]]]) -> Table:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--steps", type=int, default=100_000)
-    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--steps", type=int, default=50_000)
+    parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
-    console = Console(width=200)
+    console = Console(width=150, highlight=False)
     with tempfile.TemporaryDirectory() as folder:
-        for i, build in enumerate(CASES):
-            place = Path(folder) / str(i)
-            place.mkdir()
-            case = build(place)
-            console.print(table(case, run_case(case, options.steps, options.rounds, console), options.steps))
-        costs = python_component(case, options.steps, options.rounds)
+        cases = [build(_made(Path(folder) / str(i))) for i, build in enumerate(CASES)]
+        for case in cases:
+            contenders = run_case(case, options.steps, options.rounds, console)
+            console.print(table(case, contenders, options.steps))
+            console.print(*notes(contenders), "", sep="\n", soft_wrap=True)
+        costs = python_component(cases[0], options.steps, options.rounds)
+        low, high = min(costs) * 1e6, max(costs) * 1e6
         console.print(
             f"a plain Python component adds {statistics.median(costs) * 1e6:.2f} us a step "
-            f"[dim]({min(costs) * 1e6:.2f} .. {max(costs) * 1e6:.2f})[/]\n"
+            f"({low:.2f} .. {high:.2f})\n"
         )
-        console.print(start_table(first_run(case)))
+        console.print(start_table(first_run(cases[0])))
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
 
 
 if __name__ == "__main__":
