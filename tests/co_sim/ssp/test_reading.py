@@ -145,9 +145,6 @@ def test_units_and_transformations(pack, start, end, attributes, inside, expecte
 
 def test_units_that_the_fmu_leaves_open(pack, parrots):
     parrot = "resources/the%20parrot.fmu"
-    units = UNITS.replace(
-        "</ssd:Units>", '<ssc:Unit name="ell"><ssc:BaseUnit m="1" factor="0.5"/></ssc:Unit></ssd:Units>'
-    )
     elements = component(
         "a", connectors("float64_out:output:ell", "sum:output", "float32_out:output"), parrot
     ) + component("b", connectors("a_in:input", "float64_in:input:m", "float32_in:input"), parrot)
@@ -156,7 +153,7 @@ def test_units_that_the_fmu_leaves_open(pack, parrots):
         + wire("a.sum", "b.float32_in")
         + wire("a.float32_out", "b.a_in", attributes='endIndices="1 1"')
     )
-    found = read_ssp(pack(ssd(system(elements, wires), units)))
+    found = read_ssp(pack(ssd(system(elements, wires), UNITS, version="2.0")))
     ports = {
         port.name: port
         for name in "ab"
@@ -180,13 +177,10 @@ def test_a_unit_that_only_the_description_defines(pack, parrots, tmp_path):
                 name, old.read(name).replace(b'name="m"', b'name="ell"').replace(b'unit="m"', b'unit="ell"')
             )
     data["resources/p.fmu"] = (tmp_path / "p.fmu").read_bytes()
-    units = UNITS.replace(
-        "</ssd:Units>", '<ssc:Unit name="ell"><ssc:BaseUnit m="1" factor="0.5"/></ssc:Unit></ssd:Units>'
-    )
     elements = component("a", connectors("sum:output:ell"), "resources/p.fmu") + component(
         "b", connectors("float64_in:input:m"), "resources/p.fmu"
     )
-    found = read_ssp(pack(ssd(system(elements, wire("a.sum", "b.float64_in")), units), data))
+    found = read_ssp(pack(ssd(system(elements, wire("a.sum", "b.float64_in")), UNITS), data))
     assert [link.gain for link in found.links()] == [0.5]
 
 
