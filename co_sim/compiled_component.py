@@ -18,20 +18,20 @@ from co_sim.array_functions import (
 )
 from co_sim.component import StateError
 from co_sim.errors import Fault, InputError, suggestion
-from co_sim.native import NativeComponent, NativeStep
+from co_sim.native import TableComponent
 from co_sim.texts import number_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from co_sim.component import Port, Scalar, Vector
 
 __all__ = ["CompiledComponent", "compiled"]
 
 
-class CompiledComponent(NativeComponent):
+class CompiledComponent(TableComponent):
     """A component of the user's own, at the speed of C.
 
     The functions work on float64 arrays: inputs `u`, outputs `y`, state `x` (both changed in place) and
@@ -85,9 +85,6 @@ class CompiledComponent(NativeComponent):
         self._t0 = 0.0
         self._x: Vector = np.empty(0)
         self._p: Vector = np.empty(0)
-        #: What the step reads: sizes and addresses, and in the last place that of an exception.
-        self._table: NDArray[np.int64] = np.empty(0, dtype=np.int64)
-        self._native: NativeStep | None = None
 
     def parameter_faults(self, values: Mapping[str, Scalar]) -> Iterator[Fault]:
         """Find parameters that are unknown, and values that are not finite numbers."""
@@ -112,7 +109,8 @@ class CompiledComponent(NativeComponent):
         # A copy, because the step keeps its address while the user may keep the array.
         self._p = np.array(p, dtype=np.float64).ravel()
         n_u, n_y = (sum(port.size for port in ports) for ports in (self.inputs, self.outputs))
-        self._table = np.array(
+        self._attach(
+            array_step,
             [
                 address_of(self._step_function, ARRAY_STEP),
                 3 * n_u if self.takes_derivatives else n_u,
@@ -121,11 +119,9 @@ class CompiledComponent(NativeComponent):
                 self._x.size,
                 self._p.ctypes.data,
                 self._p.size,
-                0,
+                0,  # the address of an exception, if one comes
             ],
-            dtype=np.int64,
         )
-        self._native = NativeStep(cast("int", array_step.address), self._table.ctypes.data)
 
     def exchange(self, u: Vector, y: Vector) -> None:
         """Write the outputs at the start time: those of `exchange`, else the start values."""
@@ -139,12 +135,6 @@ class CompiledComponent(NativeComponent):
         if status:
             raise RuntimeError(f"its exchange returned the status {status}")
         y[:] = outputs
-
-    def native(self) -> NativeStep:
-        """Return the addresses of the step."""
-        if self._native is None:
-            raise StateError("it is not started")
-        return self._native
 
     def failure(self, status: int) -> Exception:
         """Return the exception that the step raised, or the status that it returned."""
@@ -172,10 +162,6 @@ class CompiledComponent(NativeComponent):
         if len(data) != 8 * size:
             raise StateError(f"its state has {size} values of 8 bytes, and {len(data)} bytes were given")
         return np.frombuffer(data, dtype="<f8").astype(np.float64)
-
-    def close(self) -> None:
-        """Forget the run."""
-        self._native = None
 
 
 def _state(values: ArrayLike) -> Vector:

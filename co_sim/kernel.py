@@ -39,7 +39,7 @@ PART = (
     "address",  # of the step function
     "data",  # of the step function
     "u",  # where the part's inputs begin among all inputs
-    "n_derived",  # how many inputs have their derivatives behind them; 0 where the part wants none
+    "n_derived",  # how many inputs have their derivatives behind them; 0: means, -1: values at the end
     "y",  # where the part's outputs begin in a row
     "n_y",
     "period",  # of the part, in steps of the master
@@ -100,7 +100,8 @@ def gather(
     ----------
     rows, row, k : the table, and its row for the step `k` at which the links read.
     begin, length : of the step that the inputs are for, in steps of the master. `h` : their length, s.
-    derived : how many inputs have room for derivatives behind them; 0: the mean over the step is set.
+    derived : how many inputs have room for derivatives behind them; 0: the mean over the step is set, -1: the
+        value at its end.
     u : all inputs.
     """
     for j in range(first, last):
@@ -111,15 +112,16 @@ def gather(
         period = links.period[j]
         y_0, d1, d2 = _polynomial(rows, row, k, links.source[j], period, links.order[j])
         a = (begin - (k - k % period)) / period
-        if derived:
+        if derived > 0:
             tau = period * h
             u[target] = gain * (y_0 + a * d1 + 0.5 * a * (a + 1.0) * d2) + links.offset[j]
             u[target + derived] = gain * (d1 + (a + 0.5) * d2) / tau
             u[target + 2 * derived] = gain * d2 / (tau * tau)
         else:
             b = a + length / period
-            middle = 0.5 * (a + b)
-            square = (a * a + a * b + b * b) / 3.0
+            # Of s and of its square: at the end, or their means.
+            middle = b if derived < 0 else 0.5 * (a + b)
+            square = b * b if derived < 0 else (a * a + a * b + b * b) / 3.0
             u[target] = gain * (y_0 + middle * d1 + 0.5 * (square + middle) * d2) + links.offset[j]
 
 

@@ -13,6 +13,7 @@ import time
 import warnings
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -29,7 +30,6 @@ from co_sim.watch import Watch, advice
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
     from types import TracebackType
 
     from co_sim.component import Component, Vector
@@ -253,7 +253,7 @@ class Master:
         self._begun = snapshot.begun
         self._loop.scale[:] = snapshot.scale
 
-    def write_state(self, path: Path) -> None:
+    def write_state(self, path: Path | str) -> None:
         """Write the present state to a file, whole or not there, for `read_state` of any process.
 
         Raises
@@ -261,9 +261,9 @@ class Master:
         InputError
             If a component cannot write its state, or there is no such folder.
         """
-        write_snapshot(path, self.save(), self.system, self.t0, self._layout.texts)
+        write_snapshot(Path(path), self.save(), self.system, self.t0, self._layout.texts)
 
-    def read_state(self, path: Path) -> None:
+    def read_state(self, path: Path | str) -> None:
         """Go to the state in a file of `write_state`, made from the same system.
 
         Raises
@@ -272,7 +272,7 @@ class Master:
             If the file is not one of a system with these components, signals and step.
         """
         self.start()
-        self.restore(read_snapshot(path, self.system, self.t0, self._layout.texts))
+        self.restore(read_snapshot(Path(path), self.system, self.t0, self._layout.texts))
 
     def close(self) -> None:
         """Close all components, the last one first; safe to call twice.

@@ -18,15 +18,18 @@ from abc import abstractmethod
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from co_sim.component import Component
+from co_sim.component import Component, StateError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
 
     from co_sim.component import Vector
 
@@ -34,6 +37,7 @@ __all__ = [
     "STEP",
     "NativeComponent",
     "NativeStep",
+    "TableComponent",
     "caller",
     "doubles_at",
     "integers_at",
@@ -80,6 +84,31 @@ class NativeComponent(Component):
         status = _c_function(address)(t, h, u.ctypes.data, y.ctypes.data, data)
         if status:
             raise self.failure(status)
+
+
+class TableComponent(NativeComponent):
+    """A component whose step reads a table of integers: sizes, and addresses of arrays that it keeps.
+
+    `start` ends with `_attach`; `close` makes copies of the component independent again.
+    """
+
+    _table: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+    _native: NativeStep | None = None
+
+    def _attach(self, step: Any, table: Sequence[int]) -> None:
+        """Give the next run the function `step`, compiled by `numba.cfunc`, and what it reads."""
+        self._table = np.array(table, dtype=np.int64)
+        self._native = NativeStep(step.address, self._table.ctypes.data)
+
+    def native(self) -> NativeStep:
+        """Return the addresses of the step."""
+        if self._native is None:
+            raise StateError("it is not started")
+        return self._native
+
+    def close(self) -> None:
+        """Forget the run."""
+        self._native = None
 
 
 def caller(signature: Any) -> Any:

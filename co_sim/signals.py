@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from co_sim.component import StateError
 from co_sim.errors import Fault, InputError
-from co_sim.native import NativeComponent, NativeStep
+from co_sim.native import TableComponent
 from co_sim.texts import number_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from co_sim.component import Kind, Port, Scalar, Vector
 
@@ -27,15 +26,12 @@ EARLY = 1e-6
 EXACT = 2**53
 
 
-class _Source(NativeComponent):
+class _Source(TableComponent):
     """A component without inputs and without memory."""
 
     def __init__(self, ports: Sequence[Port]) -> None:
         super().__init__((), ports, {})
         self._t0 = 0.0
-        #: What the step reads: sizes, and addresses of arrays.
-        self._table: NDArray[np.int64] = np.empty(0, dtype=np.int64)
-        self._native: NativeStep | None = None
 
     def exchange(self, u: Vector, y: Vector) -> None:
         """Write the values at the start time."""
@@ -55,20 +51,6 @@ class _Source(NativeComponent):
     def deserialize(self, data: bytes) -> object:
         """Return nothing: a source has no memory."""
         return None
-
-    def close(self) -> None:
-        """Forget the run."""
-        self._native = None
-
-    def native(self) -> NativeStep:
-        """Return the addresses of the step."""
-        if self._native is None:
-            raise StateError("it is not started")
-        return self._native
-
-    def _set_native(self, step: Any, table: list[int]) -> None:
-        self._table = np.array(table, dtype=np.int64)
-        self._native = NativeStep(step.address, self._table.ctypes.data)
 
 
 class Constant(_Source):
@@ -109,7 +91,7 @@ class Constant(_Source):
 
         numbers = [number_of(value) if isinstance(value, str) else float(value) for value in self._constants]
         self._values = np.array(numbers)
-        self._set_native(constant_step, [len(numbers), self._values.ctypes.data])
+        self._attach(constant_step, [len(numbers), self._values.ctypes.data])
 
 
 class TimeTable(_Source):
@@ -164,7 +146,7 @@ class TimeTable(_Source):
         arrays = (self._values, self._times, self._slopes, self._early)
         values, knots, slopes, early = (int(array.ctypes.data) for array in arrays)
         n_times, n_y = self._values.shape
-        self._set_native(table_step, [n_y, values, n_times, knots, slopes, early])
+        self._attach(table_step, [n_y, values, n_times, knots, slopes, early])
 
 
 def _faults(port: Port, value: Scalar | ArrayLike) -> Iterator[Fault]:

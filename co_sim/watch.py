@@ -2,7 +2,8 @@
 
 The largest magnitude of each signal in windows of 64 steps, and of 512 and 4096 for slow oscillations, is
 compared with that of the window before. A *streak* is a row of windows each larger than the last by more
-than 5 %: exponential growth makes long ones, a jump or a straight line does not.
+than 5 %: exponential growth makes long ones, a straight line does not. The largest growth from one window to
+the next is left out of a streak, so that a jump out of rounding errors counts for nothing.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Growth", "Watch", "advice"]
 
-_WINDOW, _LEVELS, _RATIO = 64, 3, 8
+_WINDOW, _RATIO = 64, 8
 _GROWING = 1.05
-#: A streak this long is no jump.
-_LONG = 4
+#: Windows in a streak, at each level, before it counts. A short run can diverge in few of the shortest ones.
+_LONG = (2, 3, 3)
 #: Growth without pause that is worth a word even if the run ended before it was beyond all bounds.
 _REMARKABLE = 1e3
 
@@ -58,9 +59,10 @@ class Growth:
 
 @dataclass
 class _Level:
-    """Windows of one length."""
+    """Windows of one length; `long` of them make a streak that counts."""
 
     n: int
+    long: int
     filled: int = 0
     time: float = 0.0
     peak: Vector = field(init=False)
@@ -68,10 +70,11 @@ class _Level:
     base: Vector = field(init=False)
     base_time: Vector = field(init=False)
     length: Vector = field(init=False)
+    jump: Vector = field(init=False)
 
     def __post_init__(self) -> None:
         self.peak, self.last, self.base = np.zeros(self.n), np.full(self.n, np.inf), np.zeros(self.n)
-        self.base_time, self.length = np.zeros(self.n), np.zeros(self.n)
+        self.base_time, self.length, self.jump = np.zeros(self.n), np.zeros(self.n), np.ones(self.n)
 
     def close(self, time: float) -> None:
         """End a window, at `time`."""
@@ -79,6 +82,8 @@ class _Level:
         self.base = np.where(growing, self.base, self.peak)
         self.base_time = np.where(growing, self.base_time, time)
         self.length = np.where(growing, self.length + 1, 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.jump = np.where(growing, np.maximum(self.jump, self.peak / self.last), 1.0)
         self.last, self.peak, self.filled, self.time = self.peak, np.zeros(self.n), 0, time
 
 
@@ -96,7 +101,7 @@ class Watch:
         self._signals = system.signals
         self._columns = np.flatnonzero([signal.component in looped for signal in self._signals])
         self._divergence = system.coupling.divergence
-        self._levels = [_Level(len(self._columns)) for _ in range(_LEVELS)]
+        self._levels = [_Level(len(self._columns), long) for long in _LONG]
         self._idle = not (len(self._columns) and math.isfinite(self._divergence))
 
     def see(self, rows: Matrix, k: int, t0: float, h: float) -> tuple[int, Growth] | None:
@@ -134,11 +139,12 @@ class Watch:
         return None
 
     def _worst(self, level: _Level, least: float) -> Growth | None:
-        """Return the signal that has grown most, if by more than `least`."""
+        """Return the signal that has grown most, if by more than `least` without its largest jump."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            factor = np.where((level.length >= _LONG) & (level.base > 0.0), level.last / level.base, 0.0)
-        i = int(np.argmax(factor))
-        if factor[i] <= least:
+            factor = level.last / level.base
+            steady = np.where((level.length >= level.long) & (level.base > 0.0), factor / level.jump, 0.0)
+        i = int(np.argmax(steady))
+        if steady[i] <= least:
             return None
         column = int(self._columns[i])
         name = self._signals[column].name

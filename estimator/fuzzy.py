@@ -172,7 +172,7 @@ class CompiledFuzzySystem:
     def aggregate(self, x: Array, y: Array) -> Array:
         """Write the crisp outputs into `y`; return the aggregated membership (outputs, grid)."""
         area = np.empty_like(self.grid)
-        infer(x, *self.arrays, area, y)
+        infer(x, *self.arrays, np.empty(len(self.conclusions)), area, y)
         return area
 
     @property
@@ -226,15 +226,17 @@ def infer(  # pragma: no cover - compiled
     conclusions: Indices,
     shapes: Array,
     grid: Array,
+    strength: Array,
     area: Array,
     y: Array,
 ) -> None:
     """Infer the crisp outputs `y` (outputs,) of the inputs `x` (inputs,), clipped to their intervals.
 
-    `area` (outputs, grid) receives the aggregated membership. An output that no rule reaches takes the
-    middle of its interval: it says "undecided", never the value of an earlier call.
+    `strength` (rules,) receives how far the rules hold, `area` (outputs, grid) the aggregated membership.
+    An output that no rule reaches takes the middle of its interval: it says "undecided", never the value of
+    an earlier call.
     """
-    strength = np.ones(conclusions.shape[0])
+    strength[:] = 1.0
     for c in range(clauses.shape[0]):
         rule, i, t, negated = clauses[c]
         crisp = min(max(x[i], bounds[i, 0]), bounds[i, 1])

@@ -7,7 +7,7 @@ all in one compiled step.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from estimator.bank import FilterBank
     from estimator.fuzzy import FuzzySystem
 
-__all__ = ["Identification", "Identifier"]
+__all__ = ["Design", "Identification", "Identifier", "Memory", "Work", "identifier_step"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -43,33 +43,69 @@ class Identification:
     probabilities: Array
 
 
-@njit(cache=True, error_model="numpy")
-def _identifier_step(  # pragma: no cover - compiled
-    bank: tuple[Array, Array, Array],
-    fuzzy: tuple[Array, Array, Indices, Indices, Array, Array],
-    weights: Array,
-    z: Array,
-    k: int,
-    memory: tuple[Array, Array, Array, Array],
-    work: tuple[Array, Array, Array, Array],
-    e: Array,
-    E: Array,
-    p: Array,
+class Design(NamedTuple):
+    """What `identifier_step` reads: filters of s states, weights (m,), and the fuzzy system as in `infer`."""
+
+    F: Array
+    H: Array
+    K: Array
+    weights: Array
+    corners: Array
+    bounds: Array
+    clauses: Indices
+    conclusions: Indices
+    shapes: Array
+    grid: Array
+
+
+class Memory(NamedTuple):
+    """What `identifier_step` keeps from sample to sample; zeros before the first one.
+
+    `x` (n, s) are the states of the filters, the others those of `window_step`.
+    """
+
+    x: Array
+    history: Array
+    front: Array
+    mean: Array
+
+
+class Work(NamedTuple):
+    """Room that `identifier_step` needs: (n, s), (n,), (n,), (rules,) and (n, grid)."""
+
+    prediction: Array
+    squares: Array
+    D: Array
+    strength: Array
+    area: Array
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def identifier_step(  # pragma: no cover - compiled
+    design: Design, memory: Memory, work: Work, k: int, z: Array, e: Array, E: Array, p: Array
 ) -> None:
-    """Advance everything by one sample z (m,); writes e (n, m), E (n,) and p (n,)."""
-    F, H, K = bank
-    x, history, front, mean = memory
-    prediction, squares, D, area = work
-    bank_step(F, H, K, z, x, prediction, e)
+    """Advance everything by sample `k` = 0, 1, ..., z (m,); writes e (n, m), E (n,) and p (n,)."""
+    bank_step(design.F, design.H, design.K, z, memory.x, work.prediction, e)
+    squares = work.squares
     for i in range(e.shape[0]):
         squares[i] = 0.0
         for j in range(e.shape[1]):
-            squares[i] += weights[j] * e[i, j] * e[i, j]
-    window_step(squares, k, history, front, mean)
-    normalise(mean, E)
-    corners, bounds, clauses, conclusions, shapes, grid = fuzzy
-    duel(E, D)
-    infer(D, corners, bounds, clauses, conclusions, shapes, grid, area, p)
+            squares[i] += design.weights[j] * e[i, j] * e[i, j]
+    window_step(squares, k, memory.history, memory.front, memory.mean)
+    normalise(memory.mean, E)
+    duel(E, work.D)
+    infer(
+        work.D,
+        design.corners,
+        design.bounds,
+        design.clauses,
+        design.conclusions,
+        design.shapes,
+        design.grid,
+        work.strength,
+        work.area,
+        p,
+    )
 
 
 class Identifier:
@@ -103,22 +139,36 @@ class Identifier:
             )
         self.bank = bank
         self.window = window
-        self.weights = weights
+        self.weights = np.ascontiguousarray(weights)
         self.fuzzy = fuzzy.compile()
         self.reset()
 
+    @property
+    def design(self) -> Design:
+        """The arrays that `identifier_step` reads."""
+        return Design(self.bank.F, self.bank.H, self.bank.K, self.weights, *self.fuzzy.arrays)
+
+    def new_memory(self) -> Memory:
+        """Return the memory of an identifier that has seen no sample."""
+        n, _, s = self.bank.H.shape
+        return Memory(np.zeros((n, s)), np.zeros((self.window, n)), np.zeros(n), np.zeros(n))
+
+    def new_work(self) -> Work:
+        """Return room for a step."""
+        n, _, s = self.bank.H.shape
+        n_rules = len(self.fuzzy.conclusions)
+        return Work(
+            np.empty((n, s)), np.empty(n), np.empty(n), np.empty(n_rules), np.empty_like(self.fuzzy.grid)
+        )
+
     def reset(self) -> None:
         """Forget all samples."""
-        n, _, s = self.bank.H.shape
         self._k = 0
-        self._memory = (np.zeros((n, s)), np.zeros((self.window, n)), np.zeros(n), np.zeros(n))
-        self._work = (np.empty((n, s)), np.empty(n), np.empty(n), np.empty_like(self.fuzzy.grid))
-        self._bank = (self.bank.F, self.bank.H, self.bank.K)
-        self._fuzzy = self.fuzzy.arrays
+        self._design, self._memory, self._work = self.design, self.new_memory(), self.new_work()
 
     def step(self, z: Array, e: Array, E: Array, p: Array) -> None:
         """Take one sample z (m,); write the innovations e (n, m), E (n,) and the probabilities p (n,)."""
-        _identifier_step(self._bank, self._fuzzy, self.weights, z, self._k, self._memory, self._work, e, E, p)
+        identifier_step(self._design, self._memory, self._work, self._k, z, e, E, p)
         self._k += 1
 
     def run(self, z: Array) -> Identification:

@@ -28,7 +28,7 @@ from estimator import (
 from estimator.linear_models import point_at
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from co_sim.observers import Observer
@@ -100,16 +100,20 @@ class Laboratory:
             self._design(i, f, point, observers)
             for i, (f, point) in enumerate(zip(self.scenario.filters, self.points, strict=True))
         )
-        fuzzy = identification_system(len(filters))
-        identifier = Identifier(
+        identifier = self.identifier(filters)
+        runs = tuple(self._observe(case, identifier, observers) for case in self.cases)
+        stretches = tuple(s for run in runs for s in assess(run, self.scenario, filters))
+        fuzzy = identifier.fuzzy.system
+        return Experiment(self.name, self.scenario, filters, fuzzy, self.curves, runs, stretches)
+
+    def identifier(self, filters: Sequence[FilterDesign]) -> Identifier:
+        """Return the identifier of the scenario with these filters."""
+        return Identifier(
             FilterBank([f.tuning.filter for f in filters]),
-            fuzzy,
+            identification_system(len(filters)),
             window=self._window,
             weights=self._weights,
         )
-        runs = tuple(self._observe(case, identifier, observers) for case in self.cases)
-        stretches = tuple(s for run in runs for s in assess(run, self.scenario, filters))
-        return Experiment(self.name, self.scenario, filters, fuzzy, self.curves, runs, stretches)
 
     @property
     def _sample_time(self) -> float:

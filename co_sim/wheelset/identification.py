@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from co_sim.component import Component, Port
+from co_sim.component import Port, StateError
+from co_sim.native import TableComponent
 from estimator.residuals import duels, equal_level
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from co_sim.component import Vector
     from estimator import Identifier
 
@@ -19,7 +22,7 @@ __all__ = ["MEASUREMENTS", "IdentifierComponent"]
 MEASUREMENTS = (("yaw_rate", "rad/s"), ("lateral_acceleration", "m/s2"))
 
 
-class IdentifierComponent(Component):
+class IdentifierComponent(TableComponent):
     """Runs an `Identifier` on every `period`-th step and holds its outputs in between.
 
     Inputs are the two measurements. Outputs, for each filter of the bank: ``E.NAME`` (normalised
@@ -45,35 +48,59 @@ class IdentifierComponent(Component):
                     for measured, unit in MEASUREMENTS
                 ),
             ],
+            feedthrough={},
         )
         self._identifier = identifier
         self._period = period
-        n = len(names)
-        self._E, self._p, self._e = np.empty(n), np.empty(n), np.empty((n, len(MEASUREMENTS)))
-        self._countdown = 0
+        #: Memory of the identifier, its last outputs, and the counters of `identification_step`.
+        self._state: tuple[Vector | NDArray[np.int64], ...] = ()
+        #: What else the step reads and writes.
+        self._kept: tuple[object, ...] = ()
 
     def start(self, t0: float, h: float) -> None:
         """Forget all samples."""
-        self._identifier.reset()
-        self._countdown = 0
-        self._E[:] = equal_level(len(self._E))
-        self._p[:] = self._identifier.fuzzy(duels(self._E))
-        self._e[:] = 0.0
+        from co_sim.wheelset.steps import identification_step
+
+        design, work = self._identifier.design, self._identifier.new_work()
+        self._state, self._kept = self._first_state(), (*design, *work)
+        *memory, held, counters = self._state
+        n, s, m = design.K.shape
+        sizes = [
+            n, m, s, self._identifier.window, design.corners.shape[1], len(design.clauses),
+            len(design.conclusions), *design.shapes.shape[1:],
+        ]  # fmt: skip
+        arrays = (counters, held, *design, *memory, *work)
+        self._attach(identification_step, [*sizes, *(int(array.ctypes.data) for array in arrays)])
 
     def exchange(self, u: Vector, y: Vector) -> None:
         """Write what can be said before the first sample: all filters are equally good."""
-        self._write(y)
+        y[:] = self._state[-2]
 
-    def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
-        """Take the sample `u` (2,) if one is due."""
-        if self._countdown == 0:
-            self._identifier.step(u, self._e, self._E, self._p)
-            self._countdown = self._period
-        self._countdown -= 1
-        self._write(y)
+    def save(self) -> object:
+        """Return a copy of the memory, in one row."""
+        self.native()
+        return np.concatenate([part.ravel() for part in self._state], dtype=np.float64)
 
-    def _write(self, y: Vector) -> None:
-        n = len(self._E)
-        y[:n] = self._E
-        y[n : 2 * n] = self._p
-        y[2 * n :] = self._e.ravel()
+    def restore(self, state: object) -> None:
+        """Return to a state of `save`."""
+        self.native()
+        ends = np.cumsum([part.size for part in self._state])
+        for part, values in zip(self._state, np.split(cast("Vector", state), ends[:-1]), strict=True):
+            part[...] = values.reshape(part.shape)
+
+    def serialize(self, state: object) -> bytes:
+        """Return the state as float64 in little-endian order."""
+        return cast("Vector", state).astype("<f8").tobytes()
+
+    def deserialize(self, data: bytes) -> object:
+        """Return the state from the bytes of `serialize`."""
+        size = sum(part.size for part in self._first_state())
+        if len(data) != 8 * size:
+            raise StateError(f"its state has {size} values of 8 bytes, and {len(data)} bytes were given")
+        return np.frombuffer(data, dtype="<f8").astype(np.float64)
+
+    def _first_state(self) -> tuple[Vector | NDArray[np.int64], ...]:
+        n = len(self._identifier.bank.names)
+        E = np.full(n, equal_level(n))
+        held = np.concatenate([E, self._identifier.fuzzy(duels(E)), np.zeros(n * len(MEASUREMENTS))])
+        return (*self._identifier.new_memory(), held, np.array([0, 0, self._period]))

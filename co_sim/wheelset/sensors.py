@@ -7,23 +7,31 @@ Each channel passes its true value through the chain::
 
 from __future__ import annotations
 
+import ctypes
+import json
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
-from co_sim.component import Component, Port
+from co_sim.component import Port, StateError
 from co_sim.errors import InputError
+from co_sim.native import TableComponent
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
     from co_sim.component import Vector
 
 __all__ = ["Channel", "SensorSpec", "Sensors"]
 
-_NOISE_BLOCK = 1024
+#: Columns of the numbers and of the counts of `co_sim.wheelset.steps.sensors_step` that are used here.
+_BIAS, _X, _HELD = 1, 3, 4
+_LEFT = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +92,15 @@ class Channel:
     spec: SensorSpec
 
 
-class Sensors(Component):
+class _State(NamedTuple):
+    """State of all channels: low-pass and held value, steps until the next sample, and the generators'."""
+
+    values: Vector
+    left: NDArray[np.int64]
+    generators: list[Any]
+
+
+class Sensors(TableComponent):
     """Any number of sensors; inputs are the true values, outputs the measured ones.
 
     Each channel has its own stream of noise, set by `seed` and the channel's name: adding, removing or
@@ -105,6 +121,7 @@ class Sensors(Component):
         super().__init__(
             inputs=[Port(c.name, c.unit, description=f"true {c.name}") for c in channels],
             outputs=[Port(c.name, c.unit, description=f"measured {c.name}") for c in channels],
+            feedthrough={c.name: [c.name] for c in channels},
         )
         names = [channel.name for channel in channels]
         doubled = sorted({name for name in names if names.count(name) > 1})
@@ -119,7 +136,11 @@ class Sensors(Component):
             raise InputError("sensor seed", got=f"{seed}", expected="an integer >= 0", remedy="use 0")
         self.channels = tuple(channels)
         self.seed = seed
-        self._sensors: list[_Sensor] = []
+        self._generators: list[np.random.Generator] = []
+        self._first_noise: Vector = np.empty(0)
+        #: Columns as `sensors_step` has them, one row for each channel.
+        self._numbers: Vector = np.empty((0, 5))
+        self._counts: NDArray[np.int64] = np.empty((0, 3), dtype=np.int64)
 
     def start(self, t0: float, h: float) -> None:
         """Begin the noise anew.
@@ -129,55 +150,77 @@ class Sensors(Component):
         InputError
             If a channel's sampling rate does not divide the step rate ``1/h`` evenly.
         """
-        self._sensors = [_Sensor(channel, self.seed, h) for channel in self.channels]
+        from co_sim.wheelset.steps import sensors_step
+
+        self._generators = [_generator(channel.name, self.seed) for channel in self.channels]
+        specs = [channel.spec for channel in self.channels]
+        self._numbers = np.array(
+            [(_decay(spec, h), spec.bias, spec.noise_rms, math.nan, math.nan) for spec in specs]
+        ).reshape(-1, 5)
+        periods = [_steps_per_sample(channel, h) for channel in self.channels]
+        addresses = [generator.bit_generator.ctypes.bit_generator.value for generator in self._generators]
+        self._counts = np.array([addresses, periods, periods], dtype=np.int64).T.copy()
+        # Drawn here, not in `exchange`, which may be called any number of times.
+        self._first_noise = np.array(
+            [s.noise_rms * g.standard_normal() for s, g in zip(specs, self._generators, strict=True)]
+        )
+        arrays = (self._numbers, self._counts)
+        self._attach(
+            sensors_step,
+            [len(specs), _standard_normal(), *(int(array.ctypes.data) for array in arrays)],
+        )
 
     def exchange(self, u: Vector, y: Vector) -> None:
         """Write the first samples, with the low-pass settled at the true values."""
-        for i, sensor in enumerate(self._sensors):
-            y[i] = sensor.settle(float(u[i]))
+        self._numbers[:, _X] = u
+        self._numbers[:, _HELD] = u + self._numbers[:, _BIAS] + self._first_noise
+        y[:] = self._numbers[:, _HELD]
 
-    def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
-        """Write the measured values at ``t + h`` for true values held from `t`."""
-        for i, sensor in enumerate(self._sensors):
-            y[i] = sensor.advance(float(u[i]))
+    def save(self) -> object:
+        """Return a copy of the state of all channels and their noise."""
+        self.native()
+        generators = [generator.bit_generator.state for generator in self._generators]
+        return _State(self._numbers[:, _X:].copy(), self._counts[:, _LEFT].copy(), generators)
 
+    def restore(self, state: object) -> None:
+        """Return to a state of `save`; the noise goes on from there."""
+        self.native()
+        values, left, generators = cast("_State", state)
+        self._numbers[:, _X:] = values
+        self._counts[:, _LEFT] = left
+        for generator, bits in zip(self._generators, generators, strict=True):
+            generator.bit_generator.state = bits
 
-class _Sensor:
-    """The state of one channel during a run."""
+    def serialize(self, state: object) -> bytes:
+        """Return the state as JSON."""
+        values, left, generators = cast("_State", state)
+        return json.dumps([values.tolist(), left.tolist(), generators]).encode()
 
-    def __init__(self, channel: Channel, seed: int, h: float) -> None:
-        spec = channel.spec
-        # The pole of the low-pass over one step; exact for an input held over the step.
-        self._decay = 0.0 if spec.bandwidth_hz is None else math.exp(-2.0 * math.pi * spec.bandwidth_hz * h)
-        self._period = _steps_per_sample(channel, h)
-        self._bias = spec.bias
-        self._noise = _noise(channel.name, seed, spec.noise_rms)
-        # Drawn here, not in `settle`, which may be called any number of times.
-        self._first_noise = next(self._noise)
-        self._k = 0
-        self._x = math.nan
-        self._held = math.nan
-
-    def settle(self, u: float) -> float:
-        """Return the sample at the start, for a true value that has been `u` for ever."""
-        self._x = u
-        self._held = u + self._bias + self._first_noise
-        return self._held
-
-    def advance(self, u: float) -> float:
-        """Return the measured value after one step with `u` held."""
-        self._x = u + self._decay * (self._x - u)
-        self._k += 1
-        if self._k % self._period == 0:
-            self._held = self._x + self._bias + next(self._noise)
-        return self._held
+    def deserialize(self, data: bytes) -> object:
+        """Return the state from the bytes of `serialize`."""
+        values, left, generators = json.loads(data)
+        if len(left) != len(self.channels):
+            raise StateError(f"it has {len(self.channels)} channels, and the state is of {len(left)}")
+        return _State(np.array(values), np.array(left, dtype=np.int64), generators)
 
 
-def _noise(name: str, seed: int, rms: float) -> Iterator[float]:
-    """Yield white noise for ever, drawn in blocks because single draws cost ten times more."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(name.encode())))
-    while True:
-        yield from (rms * rng.standard_normal(_NOISE_BLOCK)).tolist()
+def _decay(spec: SensorSpec, h: float) -> float:
+    """Return the pole of the low-pass over one step; exact for an input held over the step."""
+    return 0.0 if spec.bandwidth_hz is None else math.exp(-2.0 * math.pi * spec.bandwidth_hz * h)
+
+
+def _generator(name: str, seed: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(name.encode())))
+
+
+@cache
+def _standard_normal() -> int:
+    """Return the address of the function behind `numpy.random.Generator.standard_normal`.
+
+    It is part of numpy's C interface, exported by this module for those who extend it without a compiler.
+    """
+    library = ctypes.CDLL(np.random._generator.__file__)
+    return ctypes.cast(library.random_standard_normal, ctypes.c_void_p).value or 0
 
 
 def _steps_per_sample(channel: Channel, h: float) -> int:

@@ -18,7 +18,6 @@ which is an inverse FFT. Three lengths fix it:
 from __future__ import annotations
 
 import math
-from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NoReturn
@@ -27,15 +26,16 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
-from co_sim.component import Component, Port
+from co_sim.compiled_component import CompiledComponent
+from co_sim.component import Port
 from co_sim.errors import InputError
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Mapping
 
     from numpy.typing import ArrayLike, NDArray
 
-    from co_sim.component import Vector
     from estimator.track_spectrum import TrackSpectrum
 
 __all__ = ["SHORTEST_WAVELENGTH", "TrackInput", "TrackProfile", "read_track_csv", "synthesise"]
@@ -252,7 +252,7 @@ def _read_row(where: str, line: str) -> tuple[float, float]:
     return float(cells[0]), float(cells[1])
 
 
-class TrackInput(Component):
+class TrackInput(CompiledComponent):
     """The track under a wheelset that starts at the first point of `profile`.
 
     Input ``speed`` (m/s); outputs ``lateral_offset`` (m) and ``distance`` (m, run since the start).
@@ -275,79 +275,44 @@ class TrackInput(Component):
     """
 
     def __init__(self, profile: TrackProfile, *, speed: float | None = None, ramp: float = 5.0) -> None:
+        from co_sim.wheelset.steps import track_exchange, track_step
+
+        if not (math.isfinite(ramp) and ramp >= 0.0):
+            raise InputError(
+                "track ramp", got=f"{ramp:g} m", expected="a finite length >= 0", remedy="5 m suits most runs"
+            )
         super().__init__(
+            track_step,
+            exchange=track_exchange,
             inputs=[Port("speed", "m/s", speed, "forward speed")],
             outputs=[
                 Port("lateral_offset", "m", description="lateral offset of the track under the wheelset"),
                 Port("distance", "m", description="distance run since the start"),
             ],
+            state=(0.0, 0.0, 0.0),
+            prepare=self._pieces,
+            feedthrough={},
         )
-        if not (math.isfinite(ramp) and ramp >= 0.0):
-            raise InputError(
-                "track ramp", got=f"{ramp:g} m", expected="a finite length >= 0", remedy="5 m suits most runs"
-            )
         self.profile = profile
         self._ramp = ramp
-        self._end = profile.length * (1.0 + _END_TOLERANCE)
-        # Python floats from an `array` come several times faster than from an ndarray. The last piece has
-        # no right end, which spares the search a test.
-        left = profile.curve.x[:-1] - profile.distance[0]
-        c3, c2, c1, c0 = profile.curve.c
-        self._left = _floats(left)
-        self._right = _floats(np.append(left[1:], math.inf))
-        self._coefficients = tuple(map(_floats, (c3, c2, c1, c0 - profile.offset[0])))
-        self.start(0.0, 0.0)
 
-    def start(self, t0: float, h: float) -> None:
-        """Return to the first point of the track."""
-        self._piece = 0
-        self._distance = 0.0
-        self._lost = 0.0
+    def failure(self, status: int) -> Exception:
+        """Return the error that the track ends before the step does, or that the speed is not a number."""
+        from co_sim.wheelset.steps import TRACK_ENDED
 
-    def exchange(self, u: Vector, y: Vector) -> None:
-        """Write the start of the track: no offset, no distance."""
-        y[:] = 0.0
+        if status != TRACK_ENDED:
+            return super().failure(status)
+        return ValueError(
+            f"{self.profile.name}: got a distance of {self._x[0]:.9g} m,"
+            f" expected at most {self.profile.length:.9g} m;"
+            " shorten the run, lower the speed or give a longer track"
+        )
 
-    def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
-        """Advance by the held speed times `h`.
-
-        Raises
-        ------
-        ValueError
-            If the track ends before ``t + h`` or the speed is not a number.
-        """
-        # Kahan's sum: the distance is right to rounding of the last addition after any number of steps.
-        increment = float(u[0]) * h - self._lost
-        distance = self._distance + increment
-        self._lost = (distance - self._distance) - increment
-        self._distance = distance
-        y[0] = self._offset_after(distance)
-        y[1] = distance
-
-    def _offset_after(self, s: float) -> float:
-        """Return the faded offset (m) at the distance `s` (m) from the start."""
-        if not s <= self._end:
-            raise ValueError(
-                f"{self.profile.name}: got a distance of {s:.9g} m,"
-                f" expected at most {self.profile.length:.9g} m;"
-                " shorten the run, lower the speed or give a longer track"
-            )
-        if s <= 0.0:
-            return 0.0
-        i = self._piece
-        while s >= self._right[i]:
-            i += 1
-        while s < self._left[i]:
-            i -= 1
-        self._piece = i
-        c3, c2, c1, c0 = self._coefficients
-        x = s - self._left[i]
-        offset: float = ((c3[i] * x + c2[i]) * x + c1[i]) * x + c0[i]
-        if s < self._ramp:
-            z = s / self._ramp
-            offset *= z**3 * (10.0 - 15.0 * z + 6.0 * z**2)
-        return offset
-
-
-def _floats(values: NDArray[np.float64]) -> array[float]:
-    return array("d", values.tobytes())
+    def _pieces(self, h: float, parameters: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the ramp and the cubics of the track, from its first point, as `track_step` takes them."""
+        curve = self.profile.curve
+        left = curve.x[:-1] - curve.x[0]
+        coefficients = curve.c.copy()
+        coefficients[-1] -= self.profile.offset[0]
+        end = self.profile.length * (1.0 + _END_TOLERANCE)
+        return np.concatenate([[self._ramp, end, len(left)], left, coefficients.ravel()])

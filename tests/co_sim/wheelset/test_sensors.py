@@ -18,7 +18,7 @@ def one(spec, seed=1):
 
 def measure(sensors, u, h=H):
     """Return the measured values at the start and after each step: shape (steps + 1, channels)."""
-    u = np.asarray(u, dtype=float).reshape(-1, len(sensors.channels))
+    u = np.asarray(u, dtype=float).reshape(len(u), len(sensors.channels))
     y = np.full(u.shape[1], np.nan)
     sensors.start(0.0, h)
     sensors.exchange(u[0], y)
@@ -48,6 +48,10 @@ def test_ports():
 def test_a_sensor_without_faults_is_the_identity(u):
     sensors = Sensors([Channel(name, "1", SensorSpec()) for name in "ab"], seed=3)
     np.testing.assert_array_equal(measure(sensors, u), [u[0], *u])
+
+
+def test_no_sensors_measure_nothing():
+    assert measure(Sensors([], seed=1), np.empty((3, 0)), H).shape == (4, 0)
 
 
 @given(st.lists(values, min_size=1, max_size=50), values)
