@@ -268,6 +268,8 @@ def reference_faults(declaration: Declaration, what: str) -> Iterator[Fault]:
         where = f"{what}, line {unknown.line}, {unknown.list} of the model structure"
         if unknown.variable is None:
             yield Fault(where, f"{unknown.reference}", "a variable that is declared", "correct it")
+        elif unknown.list == "derivative" and declaration.state_of(unknown.variable) is None:
+            yield Fault(where, f'"{unknown.variable.name}"', "the derivative of a variable", "correct it")
         if unknown.dependencies is not None and None in unknown.dependencies:
             yield Fault(where, "dependencies that are not declared", "variables", "correct it")
 
