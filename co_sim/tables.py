@@ -12,11 +12,11 @@ from rich.text import Text
 from co_sim.fmu_summary import CAPABILITIES, this_platform
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from rich.console import RenderableType
 
-    from co_sim.checking import Report
+    from co_sim.checking import Finding, Report
     from co_sim.fmu_summary import FmuSummary, Quantity
 
 __all__ = ["report_tables", "summary_tables"]
@@ -25,8 +25,9 @@ _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 _LABELS = {"CoSimulation": "co-simulation", "ModelExchange": "model exchange"}
 #: Characters of a start value that are shown.
 _LONGEST_START = 20
-#: Characters of a cell that are kept on one line, and of the narrowest column of descriptions.
-_SHORT, _NARROWEST = 14, 24
+#: Characters of a column, which leave room for descriptions on a terminal of 80.
+_WIDEST_NAME = 26
+_WIDEST = {"unit or type": 13, "start": 11, "range": 9}
 _SMALLEST = sys.float_info.min
 
 
@@ -60,15 +61,22 @@ def report_tables(report: Report) -> Iterator[RenderableType]:
     grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     grid.add_column()
-    for finding in report.findings:
-        where = f"{finding.topic}: {finding.where}" if finding.where else finding.topic
-        message = _text(f"{where}\n")
-        message.append_text(_text(finding.message))
-        grid.add_row(Text(finding.severity, style=_STYLES[finding.severity]), message)
+    for (severity, topic, message), group in _alike(report.findings).items():
+        where = "; ".join(finding.where for finding in group if finding.where)
+        cell = _text(f"{topic}: {where}\n" if where else f"{topic}\n").append_text(_text(message))
+        grid.add_row(Text(severity, style=_STYLES[severity]), cell)
     yield grid
     n, m = len(report.of("error")), len(report.of("warning"))
     verdict = f"{n} error{'s' * (n != 1)}, {m} warning{'s' * (m != 1)}"
     yield Text(f"{report.path}: {verdict}", style="bold red" if n else "bold")
+
+
+def _alike(findings: Iterable[Finding]) -> dict[tuple[str, str, str], list[Finding]]:
+    """Return groups of findings that say the same of several places."""
+    groups: dict[tuple[str, str, str], list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault((finding.severity, finding.topic, finding.message), []).append(finding)
+    return groups
 
 
 def _head(summary: FmuSummary) -> RenderableType:
@@ -126,37 +134,38 @@ def _capabilities(summary: FmuSummary) -> RenderableType:
 
 
 def _variables(title: str, quantities: Sequence[Quantity]) -> Table:
-    """Return a table of variables; columns in which all are empty or alike are left out."""
-    types = [_type(quantity) for quantity in quantities]
-    alike = len(set(types)) == 1
+    """Return a table of variables; columns in which all cells are empty are left out."""
     columns = {
-        f"{title} ({types[0]})" if alike else title: [quantity.name for quantity in quantities],
-        "type": [] if alike else types,
-        "unit": [quantity.unit for quantity in quantities],
+        title: [quantity.name for quantity in quantities],
+        "unit or type": [_unit_or_type(quantity) for quantity in quantities],
         "start": [_start(quantity) for quantity in quantities],
         "range": [_range(quantity) for quantity in quantities],
         "description": [_description(quantity) for quantity in quantities],
     }
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    # Descriptions, where there are any, take what the others leave.
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, expand=any(columns["description"]))
     shown = {name: cells for name, cells in columns.items() if any(cells)}
-    for name, cells in shown.items():
-        # Short words are not broken; what is left is shared by names and descriptions.
+    for name in shown:
+        is_last = name == "description"
         table.add_column(
             _text(name),
             overflow="fold",
             justify="right" if name == "start" else "left",
-            no_wrap=max(map(len, cells)) <= _SHORT,
-            min_width=_NARROWEST if name == "description" else None,
+            ratio=1 if is_last else None,
+            max_width=None if is_last else _WIDEST.get(name, _WIDEST_NAME),
         )
     for row in zip(*shown.values(), strict=True):
         table.add_row(*map(_text, row))
     return table
 
 
-def _type(quantity: Quantity) -> str:
+def _unit_or_type(quantity: Quantity) -> str:
+    """Return the unit, with the type before it unless it is a float64 that moves smoothly."""
     shape = f"[{','.join(map(str, quantity.shape))}]" if quantity.shape else ""
-    discrete = quantity.variability == "discrete" and quantity.kind.startswith("float")
-    return f"{quantity.kind}{shape}{' discrete' if discrete else ''}"
+    discrete = " discrete" if quantity.variability == "discrete" and quantity.kind.startswith("float") else ""
+    plain = quantity.kind == "float64" and quantity.unit and not shape and not discrete
+    kind = "" if plain else f"{quantity.kind}{shape}{discrete}"
+    return f"{kind} {quantity.unit}".strip()
 
 
 def _start(quantity: Quantity) -> str:
@@ -182,7 +191,7 @@ def _range(quantity: Quantity) -> str:
     # The smallest number there is stands for an open interval.
     above = "" if low is None else "> 0" if 0.0 < float(low) <= _SMALLEST else f"≥ {float(low):g}"
     below = "" if high is None else f"≤ {float(high):g}"
-    return " ".join(filter(None, (above, below)))
+    return "\n".join(filter(None, (above, below)))
 
 
 def _description(quantity: Quantity) -> str:
