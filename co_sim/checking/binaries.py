@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import fmpy
 from fmpy import fmi2, fmi3
 
-from co_sim.archives import contents, read_entry
+from co_sim.archives import DEFAULT_LIMITS, contents, read_entry
 from co_sim.checking.findings import Finding
 from co_sim.checking.shared_library import missing_here, read_library
+from co_sim.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["FMI2_PLATFORMS", "binary_findings", "platforms"]
 
 _TOPIC = "libraries"
+#: Libraries are bigger than documents.
+_LIMITS = replace(DEFAULT_LIMITS, document=DEFAULT_LIMITS.size)
 #: Ending of a library, file format and processors of the folders of FMI 2.
 FMI2_PLATFORMS = {
     "win32": (".dll", "PE", "X86"),
@@ -81,7 +85,7 @@ def binary_findings(path: Path, declaration: Declaration) -> Iterator[Finding]:
             if name not in names:
                 yield Finding("error", _TOPIC, name, f"is missing; {' and '.join(kinds)} needs it")
                 continue
-            library = read_library(read_entry(path, name))
+            library = _read(path, name)
             if library is None:
                 yield Finding("error", _TOPIC, name, "is no shared library that can be read")
                 continue
@@ -89,6 +93,13 @@ def binary_findings(path: Path, declaration: Declaration) -> Iterator[Finding]:
             if platform == here:
                 for missing in missing_here(library, name, names):
                     yield Finding("error", _TOPIC, name, missing)
+
+
+def _read(path: Path, name: str) -> SharedLibrary | None:
+    try:
+        return read_library(read_entry(path, name, _LIMITS))
+    except InputError:  # told with the damage of the archive
+        return None
 
 
 def _not_here(names: Mapping[str, object], found: list[str], here: str) -> str:

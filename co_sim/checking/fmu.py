@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from co_sim.archives import DEFAULT_LIMITS, contents, read_entry
+from co_sim.archives import DEFAULT_LIMITS, contents, damage, read_entry
 from co_sim.checking.binaries import binary_findings
 from co_sim.checking.findings import Finding, Report, from_fault
 from co_sim.checking.structure import structure_findings
@@ -57,6 +57,8 @@ def _findings(path: Path, limits: Limits, timeout: float | None) -> Iterator[Fin
     except InputError as error:
         yield from (from_fault(fault, "archive", str(path)) for fault in error.faults)
         return
+    for fault in damage(path, limits):
+        yield from_fault(fault, "archive", str(path))
     try:
         root = parse(read_entry(path, DESCRIPTION, limits), what)
         schema = description_schema(root, what)
