@@ -44,8 +44,8 @@ __all__ = ["CouplingWarning", "Master", "step_count"]
 #: Blocks are made as long as this, s: short enough for an interrupt, long enough to cost nothing.
 _BLOCK_TIME = 0.02
 _FIRST_BLOCK, _LONGEST_BLOCK = 1, 8192
-#: Values in the table of a block at most: 8 MB.
-_BLOCK_VALUES = 1_000_000
+#: Values in the table of a block at most: 0.8 MB, which a core keeps in its own cache.
+_BLOCK_VALUES = 100_000
 
 
 class CouplingWarning(UserWarning):
@@ -305,6 +305,7 @@ class Master:
         self._show(0, self._row, 1)
         block = _FIRST_BLOCK
         longest = self._longest_block()
+        self._make_room(min(longest, count))
         while self.k < begin + count:
             n = min(block, longest, begin + count - self.k)
             started = time.perf_counter()
@@ -364,9 +365,13 @@ class Master:
         return min([_BLOCK_VALUES // max(len(self.signals), 1) + 1, *(n for n in wanted if n is not None)])
 
     def _show(self, i: int, row: int, n: int) -> None:
+        if not self.observers:
+            return
         values = self._rows[row : row + n]
         values.flags.writeable = False
-        times = (self.t0 + np.arange(self.k - n + 1, self.k + 1) * self.h).astype(np.float64, copy=False)
+        times = np.arange(self.k - n + 1, self.k + 1, dtype=np.float64)
+        times *= self.h
+        times += self.t0
         for observer in self.observers:
             observer.observe(i, times, values)
 
