@@ -72,7 +72,7 @@ def binary_findings(path: Path, declaration: Declaration) -> Iterator[Finding]:
         if element.get("needsExecutionTool") in {"true", "1"}:
             tool = declaration.root.get("generationTool") or "the tool that exported it"
             message = (
-                f"runs where {tool} is installed only (needsExecutionTool), with its licence if it has one"
+                f"needs {tool} to be installed, and licensed where it asks for that (needsExecutionTool)"
             )
             yield Finding("warning", _TOPIC, kind, message)
     for platform in found:

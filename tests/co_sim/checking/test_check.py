@@ -287,8 +287,6 @@ CRASH, HANG = b"\x0f\x0b", b"\xeb\xfe"
     ("function", "phase"),
     [
         ("fmi2Instantiate", "instantiation"),
-        ("fmi2EnterInitializationMode", "instantiation"),
-        ("fmi2ExitInitializationMode", "initialisation"),
         ("fmi2DoStep", "step at t = 1 s"),
         ("fmi2FreeInstance", "termination"),
     ],
