@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, cast
 
 from lxml import etree
 
-from co_sim.errors import Fault
+from co_sim import safe_xml
+from co_sim.errors import Fault, InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from typing import TypeAlias
 
-    _Xml: TypeAlias = etree._Element
+    from lxml.etree import _Element
 
 __all__ = ["NAMESPACES", "Faults", "Node", "parse"]
 
@@ -45,7 +45,7 @@ class Node:
     faults : collects what is wrong.
     """
 
-    xml: _Xml
+    xml: _Element
     file: str
     faults: Faults
 
@@ -151,17 +151,12 @@ def parse(data: bytes, file: str, root: str, faults: Faults) -> Node | None:
     root : name that its root element must have.
     faults : collects what is wrong.
     """
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
-        xml = etree.fromstring(data, parser)
-    except (etree.XMLSyntaxError, ValueError) as error:
-        got = " ".join(str(error).split())
-        faults.append(Fault(file, got, "well-formed XML", "write the file again"))
+        xml = safe_xml.parse(data, file)
+    except InputError as error:
+        faults.extend(error.faults)
         return None
     node = Node(xml, file, faults)
-    if xml.getroottree().docinfo.internalDTD is not None:
-        node.fault("a document type declaration", "none, as its entities are not resolved", "remove it")
-        return None
     if node.tag != root or not node.namespace.startswith(_BASE):
         node.fault(f"the root element {{{node.namespace}}}{node.tag}", f"{root} of SSP 1.0 or 2.0")
         return None

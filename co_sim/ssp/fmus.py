@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from co_sim.fmi import read_description
+from co_sim.fmi_description import read_description
 from co_sim.fmu_variables import attribute
 from co_sim.fmu_variables import units_of as units_of_fmu
 from co_sim.ssp.elements import Measure

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import os
 import shutil
-import stat
 import tempfile
 import weakref
 import zipfile
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from co_sim.errors import InputError
+from co_sim.archives import read_entry, safe_extract
 
-__all__ = ["PackedFile", "Place", "SourceError", "open_place", "safe_extract"]
-
-#: Of all files of an archive together, unpacked.
-_MAX_BYTES = 8 * 2**30
+__all__ = ["PackedFile", "Place", "SourceError", "open_place"]
 
 
 class SourceError(Exception):
@@ -95,16 +91,13 @@ class Place:
         Raises
         ------
         SourceError
-            If it cannot be read.
+            If there is no such file.
+        InputError
+            If it cannot be read from the archive.
         """
         if within is None:
             return self.file(source).path.read_bytes()
-        name = unquote(urlsplit(source).path)
-        try:
-            with zipfile.ZipFile(within) as archive:
-                return archive.read(name)
-        except (KeyError, OSError, zipfile.BadZipFile) as error:
-            raise SourceError(f'"{source}", which is not in {within.path.name}') from error
+        return read_entry(within.path, unquote(urlsplit(source).path))
 
 
 def open_place(path: PackedFile, name: str, within: Place | None = None) -> Place:
@@ -120,36 +113,3 @@ def open_place(path: PackedFile, name: str, within: Place | None = None) -> Plac
     folder = _Folder(f"{path.path.stem}_")
     safe_extract(path.path, folder.path)
     return Place(folder.path, name, folder.path, folder)
-
-
-def safe_extract(archive: Path, folder: Path) -> None:
-    """Unpack an archive; nothing is written outside the folder.
-
-    Raises
-    ------
-    InputError
-        If the archive is broken, too large, or holds names that would leave the folder.
-    """
-    try:
-        with zipfile.ZipFile(archive) as opened:
-            for item in opened.infolist():
-                _check(archive, item)
-            if sum(item.file_size for item in opened.infolist()) > _MAX_BYTES:
-                raise _refusal(archive, "more than 8 GiB when unpacked")
-            opened.extractall(folder)
-    except (OSError, EOFError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
-        raise _refusal(archive, str(error)) from error
-
-
-def _check(archive: Path, item: zipfile.ZipInfo) -> None:
-    name = PurePosixPath(item.filename.replace("\\", "/"))
-    if name.is_absolute() or ".." in name.parts or ":" in str(name):
-        raise _refusal(archive, f'"{item.filename}", which leads out of the archive')
-    if stat.S_ISLNK(item.external_attr >> 16):
-        raise _refusal(archive, f'"{item.filename}", which is a link')
-
-
-def _refusal(archive: Path, got: str) -> InputError:
-    return InputError(
-        f"archive {archive}", got=got, expected="a sound archive", remedy="pack it again, or do not use it"
-    )

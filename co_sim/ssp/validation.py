@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
-from functools import cache
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lxml import etree
-
-from co_sim.errors import Fault
+from co_sim import safe_xml
+from co_sim.archives import contents, read_entry
+from co_sim.errors import Fault, InputError
 from co_sim.ssp.document import NAMESPACES, parse
 
 if TYPE_CHECKING:
@@ -51,14 +50,15 @@ def _documents(path: Path, faults: Faults) -> list[tuple[str, bytes]]:
     try:
         if path.suffix.lower() in _ROOTS:
             return [(path.name, path.read_bytes())]
-        with zipfile.ZipFile(path) as archive:
-            names = [name for name in archive.namelist() if Path(name).suffix.lower() in _ROOTS]
-            if "SystemStructure.ssd" not in names:
-                faults.append(Fault(path.name, "no SystemStructure.ssd", "one at the top", "add it"))
-            return [(f"{path.name}/{name}", archive.read(name)) for name in names]
-    except (OSError, RuntimeError, zipfile.BadZipFile) as error:
+        names = [name for name in contents(path) if Path(name).suffix.lower() in _ROOTS]
+        if "SystemStructure.ssd" not in names:
+            faults.append(Fault(path.name, "no SystemStructure.ssd", "one at the top", "add it"))
+        return [(f"{path.name}/{name}", read_entry(path, name)) for name in names]
+    except OSError as error:
         faults.append(Fault(str(path), str(error), "an archive or a document of SSP", "check the path"))
-        return []
+    except InputError as error:
+        faults.extend(error.faults)
+    return []
 
 
 def _validate(root: Node, ending: str) -> None:
@@ -73,22 +73,11 @@ def _validate(root: Node, ending: str) -> None:
                 for xml in root.xml.iter(tag)
             )
     for xml, kind, its_version in parts:
-        schema = _schema(kind, its_version)
-        if not schema.validate(xml):
-            root.faults.extend(
-                Fault(
-                    f"{root.file}, line {entry.line}",
-                    _plain(entry.message),
-                    f"SSP {its_version}",
-                    "correct it",
-                )
-                for entry in schema.error_log
-            )
-
-
-@cache
-def _schema(ending: str, version: str) -> Any:
-    return etree.XMLSchema(file=str(_SCHEMAS / version / f"{_ROOTS[ending][1]}.xsd"))
+        schema = _SCHEMAS / its_version / f"{_ROOTS[kind][1]}.xsd"
+        root.faults.extend(
+            replace(fault, got=_plain(fault.got), expected=f"SSP {its_version}")
+            for fault in safe_xml.schema_faults(xml, schema, root.file)
+        )
 
 
 def _plain(message: str) -> str:
