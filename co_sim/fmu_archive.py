@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
     from pathlib import Path
 
-__all__ = ["unpacked"]
+__all__ = ["set_place", "unpacked"]
 
 
 @dataclass(slots=True)
@@ -26,6 +26,13 @@ class _Folder:
 
 _FOLDERS: dict[Hashable, _Folder] = {}
 _LOCK = Lock()
+#: Where the folders are made; ``None`` is the place for temporary files.
+_PLACE: list[str | None] = [None]
+
+
+def set_place(folder: str) -> None:
+    """Have archives unpacked in a folder from now on."""
+    _PLACE[0] = folder
 
 
 @contextmanager
@@ -60,7 +67,7 @@ def _content(path: Path) -> tuple[tuple[str, int, int], ...]:
 
 
 def _new_folder(path: Path) -> _Folder:
-    directory = TemporaryDirectory(prefix=f"{path.stem}_")
+    directory = TemporaryDirectory(prefix=f"{path.stem}_", dir=_PLACE[0])
     try:
         unpack(path, directory.name)
     except BaseException:
