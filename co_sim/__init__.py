@@ -24,6 +24,7 @@ from co_sim.observers import (
     write_runs_csv,
 )
 from co_sim.signals import Constant, TimeTable
+from co_sim.supervisor import Supervised, run
 from co_sim.system import Connection, Signal, System
 
 __all__ = [
@@ -55,10 +56,12 @@ __all__ = [
     "Recorder",
     "RunError",
     "Signal",
+    "Supervised",
     "System",
     "TimeTable",
     "check_coupling",
     "compiled",
     "linearize",
+    "run",
     "write_runs_csv",
 ]

@@ -10,11 +10,13 @@ from __future__ import annotations
 import ctypes
 import inspect
 import pickle
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, overload
 
 from llvmlite import ir
 from numba import njit, types
+from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic
@@ -24,7 +26,17 @@ from co_sim.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["ARRAY_STEP", "EXCHANGE", "RAISED", "address_of", "call_array_step", "compiled", "exception_at"]
+__all__ = [
+    "ARRAY_STEP",
+    "EXCHANGE",
+    "RAISED",
+    "address_of",
+    "assembled",
+    "call_array_step",
+    "compiled",
+    "exception_at",
+    "parts_of",
+]
 
 _ARRAY = types.Array(types.float64, 1, "C")
 #: ``step(t, h, u, y, x, p)`` and ``exchange(t, u, y, x, p)``.
@@ -117,6 +129,25 @@ def as_compiled(function: Any, n_arguments: int) -> Any:
     if isinstance(function, Dispatcher) and signature in function.nopython_signatures:
         return function
     return compiled(plain)
+
+
+def parts_of(function: Dispatcher[Any]) -> tuple[type, Any, dict[str, Any], list[Any], bool]:
+    """Return what `assembled` needs to make the same compiled function in another process."""
+    signatures = list(function.nopython_signatures)
+    cached = not isinstance(function._cache, NullCache)  # type: ignore[attr-defined]
+    return type(function), function.py_func, function.targetoptions, signatures, cached
+
+
+def assembled(kind: type, plain: Any, options: dict[str, Any], signatures: list[Any], cached: bool) -> Any:
+    """Return a compiled function from its parts, with its machine code from the cache if it is there."""
+    function = kind(plain, {}, options)
+    if cached:
+        with suppress(RuntimeError):  # Its file is out of reach here.
+            function.enable_caching()
+    for signature in signatures:
+        function.compile(signature)
+    function.disable_compile()
+    return function
 
 
 def address_of(function: Any, signature: Any) -> int:

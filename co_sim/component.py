@@ -130,6 +130,9 @@ class Component(ABC):
     #: extrapolated. Others get the mean over the step of an extrapolated input. `exchange` has values only.
     takes_derivatives: bool = False
 
+    #: Name in the system, which the master sets before `start`.
+    instance_name: str = ""
+
     #: Whether `u` carries the value of an extrapolated input at the end of the step instead of its mean, as
     #: suits a component without memory. Without effect where derivatives are taken.
     takes_end_values: bool = False
@@ -145,6 +148,11 @@ class Component(ABC):
         self.feedthrough = (
             None if feedthrough is None else {y: frozenset(names) for y, names in feedthrough.items()}
         )
+
+    @property
+    def identity(self) -> str:
+        """What this is, for messages, such as the file of an FMU."""
+        return type(self).__name__
 
     def parameter_faults(self, values: Mapping[str, Scalar]) -> Iterable[Fault]:
         """Find parameters that are unknown or whose value is not allowed; called before `set_parameters`."""

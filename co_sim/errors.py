@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Self
+from functools import partial
+from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
+
+    from co_sim.observers.memory import Record
 
 __all__ = ["Fault", "InputError", "RunError", "suggestion"]
 
@@ -45,8 +48,8 @@ class InputError(Exception):
         super().__init__(str(fault))
         self.faults: tuple[Fault, ...] = (fault,)
 
-    def __reduce__(self) -> tuple[Callable[..., InputError], tuple[object, ...]]:
-        return InputError.from_faults, (self.faults,)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return InputError.from_faults, (self.faults,), self.__dict__
 
     @classmethod
     def from_faults(cls, faults: Sequence[Fault]) -> Self:
@@ -68,21 +71,33 @@ class RunError(Exception):
     time : start of the step that failed, s.
     step : index of that step.
     reason : what happened, with the component's own words where it has any.
+    instance : what the component is, such as the file of an FMU.
+    log : the last lines that it logged or printed, as far as they were kept.
     """
 
-    def __init__(self, component: str, *, time: float, step: int, reason: str) -> None:
+    def __init__(
+        self,
+        component: str,
+        *,
+        time: float,
+        step: int,
+        reason: str,
+        instance: str = "",
+        log: Sequence[str] = (),
+    ) -> None:
         super().__init__(f"{component} stopped at t = {time:g} s (step {step}): {reason}")
         self.component = component
         self.time = time
         self.step = step
         self.reason = reason
+        self.instance = instance
+        self.log = tuple(log)
+        #: The signals of all complete steps, where the run was made by `co_sim.run`.
+        self.record: Record | None = None
 
-    def __reduce__(self) -> tuple[Callable[..., RunError], tuple[str, float, int, str]]:
-        return _run_error, (self.component, self.time, self.step, self.reason)
-
-
-def _run_error(component: str, time: float, step: int, reason: str) -> RunError:
-    return RunError(component, time=time, step=step, reason=reason)
+    def __reduce__(self) -> tuple[Callable[..., RunError], tuple[str], dict[str, object]]:
+        rebuild = partial(RunError, time=self.time, step=self.step, reason=self.reason)
+        return rebuild, (self.component,), self.__dict__
 
 
 def suggestion(name: str, known: Collection[str]) -> str:

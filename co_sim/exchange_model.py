@@ -36,8 +36,8 @@ class ExchangeModel(Slave):
         "complete_step": "CompletedIntegratorStep",
     }
 
-    def __init__(self, description: ModelDescription, folder: str) -> None:
-        super().__init__(description, folder)
+    def __init__(self, description: ModelDescription, folder: str, name: str = "") -> None:
+        super().__init__(description, folder, name)
         self._description = description
 
     @staticmethod

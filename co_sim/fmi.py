@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from collections import deque
-from contextlib import chdir, suppress
+from contextlib import chdir, contextmanager, suppress
 from ctypes import POINTER, addressof, byref, c_bool, c_char, c_double, c_size_t, c_uint8, c_uint32, c_void_p
 from ctypes import cast as cast_pointer
 from pathlib import Path
@@ -22,9 +22,10 @@ from fmpy import fmi2, fmi3
 from co_sim.archives import contents
 from co_sim.errors import InputError
 from co_sim.fmi_values import write
+from co_sim.witness import witness
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     import numpy as np
     from fmpy.model_description import ModelDescription, ModelVariable
@@ -48,6 +49,19 @@ class FmuError(Exception):
     """An FMU refused a call; the text has its status and its last log messages."""
 
 
+class _Log:
+    """The last log messages of an instance."""
+
+    def __init__(self, instance: str) -> None:
+        self._instance = instance
+        self.messages: deque[str] = deque(maxlen=_MESSAGES)
+
+    def add(self, status: int, message: str) -> None:
+        """Keep a message, and tell it to the witness."""
+        self.messages.append(message)
+        witness().logs(self._instance, _label(status), message)
+
+
 class Slave(ABC):
     """An FMU loaded, in terms that both versions of FMI share.
 
@@ -55,6 +69,7 @@ class Slave(ABC):
     ----------
     description : of the FMU.
     folder : with the unpacked archive; to be kept by the caller until `release`.
+    name : of the instance, for its log; the model identifier if it is empty.
     """
 
     version: ClassVar[int]
@@ -67,15 +82,16 @@ class Slave(ABC):
     _byte: ClassVar[Any]
     _arguments: ClassVar[Sequence[Any]]
 
-    def __init__(self, description: ModelDescription, folder: str) -> None:
+    def __init__(self, description: ModelDescription, folder: str, name: str = "") -> None:
         # fmpy leaves the working directory changed if the library cannot be loaded.
         with _LOADING, chdir(Path.cwd()):
             self._fmu = self.fmpy_class(
                 guid=description.guid,
                 modelIdentifier=self.interface(description).modelIdentifier,
                 unzipDirectory=folder,
+                instanceName=name or None,
             )
-        self._log: deque[str] = deque(maxlen=_MESSAGES)
+        self._log = _Log(self._fmu.instanceName)
         self._worst = 0
         self._states: set[int] = set()
         self._dropped: deque[int] = deque()
@@ -117,7 +133,8 @@ class Slave(ABC):
     def instantiate(self) -> None:
         """Create the instance."""
         try:
-            self._instantiate()
+            with self._telling("Instantiate"):
+                self._instantiate()
         except Exception as error:
             raise FmuError(f"{error}{self._last_words()}") from error
 
@@ -138,7 +155,8 @@ class Slave(ABC):
         name, buffer, address = write(self.version, kind, values)
         reference = c_uint32(variable.valueReference)
         function = self.function(f"Set{name}")
-        status = self.transfer(function, addressof(reference), 1, address, len(buffer))
+        with self._telling(f"Set{name}"):
+            status = self.transfer(function, addressof(reference), 1, address, len(buffer))
         self.check(f"setting {variable.name}", status)
 
     def enter_steps(self) -> None:
@@ -200,7 +218,8 @@ class Slave(ABC):
         finally:
             # fmpy's freeInstance unloads the library too.
             free = self._fmu.freeInstance if self._fmu.component else self._fmu.freeLibrary
-            free()
+            with self._telling("FreeInstance"):
+                free()
 
     def function(self, name: str) -> Any:
         """Return a C function that takes what `transfer` gives it; fmpy's declarations stay as they are."""
@@ -219,11 +238,9 @@ class Slave(ABC):
 
     def refusal(self, action: str, status: int) -> FmuError:
         """Return the error of a call that was refused, and take note of it."""
-        known = 0 <= status < len(_STATUS)
-        self._worst = max(self._worst, status if known else _ERROR)
-        label = _STATUS[status] if known else f"{status}, which is none of FMI"
+        self._worst = max(self._worst, status if 0 <= status < len(_STATUS) else _ERROR)
         hint = "; asynchronous FMUs are not supported" if status == _PENDING else ""
-        return FmuError(f"{action} returned the status {label}{hint}{self._last_words()}")
+        return FmuError(f"{action} returned the status {_label(status)}{hint}{self._last_words()}")
 
     def ended(self, t: float) -> FmuError:
         """Return the error of an FMU that ended the simulation at `t` (s)."""
@@ -239,10 +256,18 @@ class Slave(ABC):
     def _call(self, name: str, *arguments: object) -> None:
         if self._worst >= _FATAL:
             raise FmuError("after a fatal error no call is allowed")
-        self.check(name, getattr(self._fmu.dll, self.prefix + name)(self._fmu.component, *arguments))
+        with self._telling(name):
+            status = getattr(self._fmu.dll, self.prefix + name)(self._fmu.component, *arguments)
+        self.check(name, status)
+
+    @contextmanager
+    def _telling(self, function: str) -> Iterator[None]:
+        witness().calls(self.prefix + function)
+        yield
+        witness().calls("")
 
     def _last_words(self) -> str:
-        return f'; its log says "{" | ".join(self._log)}"' if self._log else ""
+        return f'; its log says "{" | ".join(self._log.messages)}"' if self._log.messages else ""
 
 
 class _Slave2(Slave):
@@ -310,7 +335,7 @@ class _Slave3(Slave):
 
     def _instantiate(self) -> None:
         def log(environment: int | None, status: int, category: bytes, message: bytes | None) -> None:
-            self._log.append(_text(message))
+            self._log.add(status, _text(message))
 
         self._fmu.instantiate(loggingOn=True, logMessage=log)
 
@@ -345,14 +370,14 @@ class _Slave3(Slave):
 
 #: FMI 2 log messages pass through a helper of fmpy that fills in their printf arguments. The helper
 #: knows one receiver for the whole process, so that each FMU must be told by a key in its environment.
-_LOGS: dict[int, deque[str]] = {}
+_LOGS: dict[int, _Log] = {}
 _KEYS = itertools.count(1)
 
 
 @fmi2.fmi2CallbackLoggerTYPE  # type: ignore[untyped-decorator]
 def _log2(key: int | None, instance: bytes, status: int, category: bytes, message: bytes | None) -> None:
     if key in _LOGS:
-        _LOGS[key].append(_text(message))
+        _LOGS[key].add(status, _text(message))
 
 
 def _callbacks2(key: int) -> Any:
@@ -367,6 +392,10 @@ def _callbacks2(key: int) -> Any:
 
         addLoggerProxy(byref(callbacks))
     return callbacks
+
+
+def _label(status: int) -> str:
+    return _STATUS[status] if 0 <= status < len(_STATUS) else f"{status}, which is none of FMI"
 
 
 def _text(message: bytes | None) -> str:

@@ -168,6 +168,17 @@ class FmuComponent(NativeComponent):
         """All variables of the FMU by name, as fmpy describes them."""
         return MappingProxyType(self._variables)
 
+    def __getstate__(self) -> dict[str, object]:
+        if self._slave is not None:
+            raise StateError(f"{self._path.name} is running; only a component that is not can be pickled")
+        # Another process has another working directory.
+        return self.__dict__ | {"_path": self._path.absolute()}
+
+    @property
+    def identity(self) -> str:
+        """File and version of the FMU."""
+        return f"{self._path.name}, FMI {self._description.fmiVersion}"
+
     def parameter_faults(self, values: Mapping[str, Value]) -> Iterable[Fault]:
         """Find parameters that are unknown or whose value is not allowed."""
         joined = self._own_parameters | dict(values)
@@ -182,7 +193,7 @@ class FmuComponent(NativeComponent):
         """Unpack and load the FMU, set its parameters and enter initialisation mode."""
         alone = self._interface.canBeInstantiatedOnlyOncePerProcess
         folder = self._resources.enter_context(unpacked(self._path, alone=alone))
-        slave = self._slave_type(self._description, folder)
+        slave = self._slave_type(self._description, folder, self.instance_name)
         self._resources.callback(slave.release)
         slave.instantiate()
         structural = list(self._values(structural=True))

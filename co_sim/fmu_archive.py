@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
     from pathlib import Path
 
-__all__ = ["unpacked"]
+__all__ = ["set_place", "unpacked"]
 
 
 @dataclass(slots=True)
@@ -25,6 +25,13 @@ class _Folder:
 
 _FOLDERS: dict[Hashable, _Folder] = {}
 _LOCK = Lock()
+#: Where the folders are made; ``None`` is the place for temporary files.
+_PLACE: list[str | None] = [None]
+
+
+def set_place(folder: str) -> None:
+    """Have archives unpacked in a folder from now on."""
+    _PLACE[0] = folder
 
 
 @contextmanager
@@ -58,7 +65,7 @@ def _content(path: Path) -> tuple[tuple[str, int, int], ...]:
 
 
 def _new_folder(path: Path) -> _Folder:
-    directory = TemporaryDirectory(prefix=f"{path.stem}_")
+    directory = TemporaryDirectory(prefix=f"{path.stem}_", dir=_PLACE[0])
     try:
         safe_extract(path, directory.name)
     except BaseException:

@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from co_sim.loops import Failure, feed
+from co_sim.table import CALLS, PART, STEP
 
 if TYPE_CHECKING:
     from co_sim.component import Vector
     from co_sim.coupling import Coupling
-    from co_sim.kernel import Matrix
+    from co_sim.kernel import Integers, Matrix
     from co_sim.layout import Layout
 
 __all__ = ["IteratedLoop", "NotConvergedError"]
@@ -54,8 +55,9 @@ class _Iteration:
 class IteratedLoop:
     """Repeats each step from saved states of all components."""
 
-    def __init__(self, layout: Layout, t0: float, h: float, coupling: Coupling) -> None:
+    def __init__(self, layout: Layout, t0: float, h: float, coupling: Coupling, progress: Integers) -> None:
         self._layout, self._t0, self._h, self._coupling = layout, t0, h, coupling
+        self._progress = progress
         self._fed = np.unique(layout.links.source)
         #: Largest magnitude of each fed signal so far.
         self.scale = np.zeros(len(self._fed))
@@ -72,7 +74,10 @@ class IteratedLoop:
 
     def _step(self, rows: Matrix, row: int, k: int) -> Failure | None:
         parts, fed = self._layout.parts, self._fed
-        states = [part.component.save() for part in parts]
+        states = []
+        for j, part in enumerate(parts):
+            self._tell(k, j)
+            states.append(part.component.save())
         self.scale = np.maximum(self.scale, np.abs(rows[row, fed]))
         guess = self._first_guess(rows, row, k)
         iteration = _Iteration()
@@ -89,7 +94,8 @@ class IteratedLoop:
                 self.repetitions = repetition
                 return None
             guess = iteration.next_guess(result, residual, scale)
-            for part, state in zip(parts, states, strict=True):
+            for j, (part, state) in enumerate(zip(parts, states, strict=True)):
+                self._tell(k, j)
                 part.component.restore(state)
         worst = int(np.argmax(np.abs(residual) / scale))
         column = int(fed[worst])
@@ -104,6 +110,10 @@ class IteratedLoop:
             ),
         )
 
+    def _tell(self, k: int, j: int) -> None:
+        self._progress[STEP], self._progress[PART] = k, j
+        self._progress[CALLS] += 1
+
     def _first_guess(self, rows: Matrix, row: int, k: int) -> Vector:
         """Return the outputs at the end of the step as if they went on along a straight line."""
         now: Vector = rows[row, self._fed]
@@ -113,8 +123,9 @@ class IteratedLoop:
         # All parts read the guess, none a result of this repetition: their order changes nothing.
         for part in self._layout.parts:
             feed(self._layout, part, rows, row + 1, k + 1, k, self._h, part.ahead, part.end)
-        for part in self._layout.parts:
+        for j, part in enumerate(self._layout.parts):
             y = rows[row + 1, part.y]
+            self._tell(k, j)
             try:
                 part.component.step(self._t0 + k * self._h, self._h, part.u, y)
             except BaseException as error:

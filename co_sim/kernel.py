@@ -145,9 +145,20 @@ def gather(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(
-    rows: Matrix, row: int, k: int, n: int, t0: float, h: float, parts: Integers, links: Links, u: Vector
+    rows: Matrix,
+    row: int,
+    k: int,
+    n: int,
+    t0: float,
+    h: float,
+    parts: Integers,
+    links: Links,
+    u: Vector,
+    progress: Integers,
 ) -> tuple[int, int, int]:
     """Make `n` steps from step `k`, whose values are in `row`; the table has `n` more rows below.
+
+    `progress` always has the step and the index of the part that is being made.
 
     Returns
     -------
@@ -158,7 +169,7 @@ def advance(
     u_address, rows_address = u.ctypes.data, rows.ctypes.data
     table, values, inputs = integers_at(parts.ctypes.data), doubles_at(rows_address), doubles_at(u_address)
     source, target = integers_at(links.source.ctypes.data), integers_at(links.target.ctypes.data)
-    order = integers_at(links.order.ctypes.data)
+    order, doing = integers_at(links.order.ctypes.data), integers_at(progress.ctypes.data)
     gain, offset = doubles_at(links.gain.ctypes.data), doubles_at(links.offset.ctypes.data)
     width = rows.shape[1]
     end_of_parts = len(parts) * _N_PART
@@ -184,6 +195,7 @@ def advance(
                 ahead, last = table[part + _AHEAD], table[part + _END]
                 derived = table[part + _DERIVED]
                 gather(rows, following, k + i + 1, first, period, h, links, ahead, last, derived, u)
+            doing[0], doing[1] = k + i, part // _N_PART
             status = _call_step(
                 table[part + _ADDRESS],
                 (

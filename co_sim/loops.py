@@ -13,10 +13,11 @@ import numpy as np
 from co_sim.callback import Callback
 from co_sim.kernel import NOT_FINITE, advance, gather
 from co_sim.native import NativeComponent
+from co_sim.table import PART, STEP
 
 if TYPE_CHECKING:
     from co_sim.component import Vector
-    from co_sim.kernel import Matrix
+    from co_sim.kernel import Integers, Matrix
     from co_sim.layout import Layout, Part
 
 __all__ = ["CompiledLoop", "Failure", "InterpretedLoop", "Loop", "feed"]
@@ -41,8 +42,9 @@ class Loop(Protocol):
 class CompiledLoop:
     """Makes steps in machine code, for components that are started."""
 
-    def __init__(self, layout: Layout, t0: float, h: float) -> None:
+    def __init__(self, layout: Layout, t0: float, h: float, progress: Integers) -> None:
         self._layout, self._t0, self._h = layout, t0, h
+        self._progress = progress
         self.scale = np.empty(0)
         self._table = layout.table()
         self._callbacks: dict[str, Callback] = {}
@@ -56,7 +58,9 @@ class CompiledLoop:
     def advance(self, rows: Matrix, row: int, k: int, n: int) -> tuple[int, Failure | None]:
         """Make `n` steps without the interpreter, except for the components that need it."""
         layout = self._layout
-        made, status, j = advance(rows, row, k, n, self._t0, self._h, self._table, layout.links, layout.u)
+        made, status, j = advance(
+            rows, row, k, n, self._t0, self._h, self._table, layout.links, layout.u, self._progress
+        )
         if status == 0:
             return made, None
         part = layout.parts[j]
@@ -74,8 +78,9 @@ class CompiledLoop:
 class InterpretedLoop:
     """Makes steps in Python."""
 
-    def __init__(self, layout: Layout, t0: float, h: float) -> None:
+    def __init__(self, layout: Layout, t0: float, h: float, progress: Integers) -> None:
         self._layout, self._t0, self._h = layout, t0, h
+        self._progress = progress
         self.scale = np.empty(0)
 
     def advance(self, rows: Matrix, row: int, k: int, n: int) -> tuple[int, Failure | None]:
@@ -88,7 +93,7 @@ class InterpretedLoop:
 
     def _step(self, rows: Matrix, row: int, k: int) -> Failure | None:
         layout, h = self._layout, self._h
-        for part in layout.parts:
+        for j, part in enumerate(layout.parts):
             period = part.period
             if k % period == 0:
                 feed(layout, part, rows, row, k, k, h, part.behind, part.ahead)
@@ -99,6 +104,7 @@ class InterpretedLoop:
             first = k + 1 - period
             if part.ahead < part.end:
                 feed(layout, part, rows, row + 1, k + 1, first, h, part.ahead, part.end)
+            self._progress[STEP], self._progress[PART] = k, j
             try:
                 part.component.step(self._t0 + first * h, period * h, part.u, y)
             except BaseException as error:

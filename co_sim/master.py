@@ -13,6 +13,7 @@ import time
 import warnings
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -26,6 +27,7 @@ from co_sim.iterated import IteratedLoop
 from co_sim.layout import lay_out
 from co_sim.loops import CompiledLoop, InterpretedLoop
 from co_sim.snapshot import Snapshot, read_snapshot, write_snapshot
+from co_sim.table import LONGEST_BLOCK, Phase, Table
 from co_sim.watch import Watch, advice
 
 if TYPE_CHECKING:
@@ -33,19 +35,18 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from co_sim.component import Component, Vector
+    from co_sim.kernel import Matrix
     from co_sim.layout import Part
     from co_sim.loops import Failure, Loop
     from co_sim.observers import Observer
     from co_sim.system import System
     from co_sim.watch import Growth
 
-__all__ = ["CouplingWarning", "Master", "step_count"]
+__all__ = ["CouplingWarning", "Master", "checked_count", "ending", "longest_block", "step_count"]
 
 #: Blocks are made as long as this, s: short enough for an interrupt, long enough to cost nothing.
 _BLOCK_TIME = 0.02
-_FIRST_BLOCK, _LONGEST_BLOCK = 1, 8192
-#: Values in the table of a block at most: 0.8 MB, which a core keeps in its own cache.
-_BLOCK_VALUES = 100_000
+_FIRST_BLOCK = 1
 
 
 class CouplingWarning(UserWarning):
@@ -65,6 +66,7 @@ class Master:
     observers : see the signals of each `run`, in this order; a `step` of its own is not observed.
     quiet : do not warn of signals that still grow at the end of a run.
     compiled : make steps without the interpreter; ``False`` makes the same steps in Python, for debugging.
+    table : makes the rows from their history and the number of signals; for those who share them.
 
     Raises
     ------
@@ -81,6 +83,7 @@ class Master:
         *,
         compiled: bool = True,
         quiet: bool = False,
+        table: Callable[[int, int], Table] = Table,
     ) -> None:
         if h is not None:
             system = replace(system, step=h)
@@ -97,13 +100,14 @@ class Master:
         self._compiled = compiled
         self._quiet = quiet
         self._layout = lay_out(system)
-        self._row: int = self._layout.history
-        self._rows = np.zeros((self._row + 2, len(self.signals)))
+        self._table = table(self._layout.history, len(self.signals))
         self._loop: Loop | None = None
         self._begun = False
         self._closed = False
+        self._places = {name: i for i, name in enumerate(system.components)}
         self._resources = ExitStack()
         for name, component in system.components.items():
+            component.instance_name = name
             self._resources.callback(self._close_component, name, component)
 
     @property
@@ -122,6 +126,20 @@ class Master:
     def parts(self) -> tuple[Part, ...]:
         """The components with their places, in the order of their steps."""
         return self._layout.parts
+
+    @property
+    def table(self) -> Table:
+        """The rows and the progress."""
+        return self._table
+
+    @property
+    def _rows(self) -> Matrix:
+        return self._table.rows
+
+    @property
+    def _row(self) -> int:
+        """Which of the rows is the present one."""
+        return self._table.row
 
     def inputs_of(self, name: str) -> Vector:
         """Return the inputs of a component as they are now, without extrapolation."""
@@ -145,22 +163,25 @@ class Master:
         RunError
             If a component fails or an output is not finite.
         """
+        with self._closed_on_error():
+            self._start()
+
+    def _start(self) -> None:
         if self._closed:
             raise RuntimeError("this master is closed; build a new one")
         if self._loop is not None:
             return
-        with self._closed_on_error():
-            for name, component in self.system.components.items():
-                component.set_parameters(self.system.parameters_of(name))
-                period = self.system.rates.get(name, 1)
-                self._ask(name, lambda c=component, m=period: c.start(self.t0, m * self.h))  # type: ignore[misc]
-            row = self._rows[self._row]
-            row[:] = self._layout.first_row
-            settle(self.system, self._layout, row, self._exchange)
-            self._check_start(row)
-            self._loop = self._new_loop()
-            if self.system.coupling.algorithm == "iterated":
-                self.save()  # tells now which component cannot be taken back
+        for name, component in self.system.components.items():
+            component.set_parameters(self.system.parameters_of(name))
+            period = self.system.rates.get(name, 1)
+            self._ask(Phase.STARTING, name, partial(component.start, self.t0, period * self.h))
+        row = self._rows[self._row]
+        row[:] = self._layout.first_row
+        settle(self.system, self._layout, row, self._exchange)
+        self._check_start(row)
+        self._loop = self._new_loop()
+        if self.system.coupling.algorithm == "iterated":
+            self.save()  # tells now which component cannot be taken back
 
     def enter_steps(self) -> None:
         """End the initialisation, as the first step would; starts the components if need be."""
@@ -205,12 +226,12 @@ class Master:
         """
         if (duration is None) == (n_steps is None):
             raise TypeError("give either duration or n_steps")
-        count = _checked_count(n_steps) if duration is None else step_count(duration, self.h)
+        count = checked_count(n_steps) if duration is None else step_count(duration, self.h)
         with self._closed_on_error(), ExitStack() as ends:
             for observer in self.observers:
                 observer.begin(self.signals, self.time, self.h, count)
-                ends.push(_ending(observer))
-            self.start()
+                ends.push(ending(observer))
+            self._start()
             growth = self._observed(count)
         if growth and not self._quiet:
             warnings.warn(f"{growth}; {advice(self.system.coupling, self.h)}", CouplingWarning, stacklevel=2)
@@ -247,7 +268,7 @@ class Master:
         for name, component in self.system.components.items():
             with _telling_state_of(name):
                 component.restore(snapshot.states[name])
-        self._row = self._layout.history
+        self._table.row = self._layout.history
         self._rows[: self._row + 1] = snapshot.rows
         self._layout.u[:] = snapshot.u
         self.k = snapshot.k
@@ -296,8 +317,9 @@ class Master:
 
     def _new_loop(self) -> Loop:
         if self.system.coupling.algorithm == "iterated":
-            return IteratedLoop(self._layout, self.t0, self.h, self.system.coupling)
-        return (CompiledLoop if self._compiled else InterpretedLoop)(self._layout, self.t0, self.h)
+            return IteratedLoop(self._layout, self.t0, self.h, self.system.coupling, self._table.progress)
+        kind = CompiledLoop if self._compiled else InterpretedLoop
+        return kind(self._layout, self.t0, self.h, self._table.progress)
 
     def _observed(self, count: int) -> Growth | None:
         """Make `count` steps in blocks that the observers see; return what was still growing at the end."""
@@ -305,10 +327,10 @@ class Master:
         begin = self.k
         self._show(0, self._row, 1)
         block = _FIRST_BLOCK
-        longest = self._longest_block()
-        self._make_room(min(longest, count))
+        longest = longest_block(self.observers)
+        self._table.make_room(min(longest, self._table.room(), count))
         while self.k < begin + count:
-            n = min(block, longest, begin + count - self.k)
+            n = min(block, longest, self._table.room(), begin + count - self.k)
             started = time.perf_counter()
             self._advance_and_show(n, begin)
             newest = self._rows[self._row + 1 - n : self._row + 1]
@@ -319,7 +341,7 @@ class Master:
                 name = self.signals[growth.column].component
                 raise RunError(name, time=self.t0 + step * self.h, step=step, reason=reason)
             elapsed = time.perf_counter() - started
-            block = max(min(int(block * min(_BLOCK_TIME / max(elapsed, 1e-9), 4.0)), _LONGEST_BLOCK), 1)
+            block = max(min(int(block * min(_BLOCK_TIME / max(elapsed, 1e-9), 4.0)), LONGEST_BLOCK), 1)
         return watch.unfinished()
 
     def _advance_and_show(self, n: int, begin: int) -> None:
@@ -334,36 +356,22 @@ class Master:
 
     def _advance(self, n: int) -> None:
         """Make `n` steps; if one fails, those before it are complete."""
-        self._make_room(n)
+        self._table.make_room(n)
         self._enter_steps()
         assert self._loop is not None
+        self._table.tell(Phase.STEPPING, self.k, 0)
         made, failure = self._loop.advance(self._rows, self._row, self.k, n)
-        self._row += made
+        self._table.row += made
         self.k += made
         if failure:
             raise self._error_of(failure)
+        self._table.tell(Phase.BETWEEN, self.k, 0)
 
     def _enter_steps(self) -> None:
         if not self._begun:
             for name, component in self.system.components.items():
-                self._ask(name, component.enter_steps)
+                self._ask(Phase.ENTERING, name, component.enter_steps)
             self._begun = True
-
-    def _make_room(self, n: int) -> None:
-        """Have `n` rows below the present one, and its history above."""
-        if self._row + n < len(self._rows):
-            return
-        history = self._layout.history
-        kept = self._rows[self._row - history : self._row + 1].copy()
-        if history + 1 + n > len(self._rows):
-            self._rows = np.zeros((history + 1 + n, len(self.signals)))
-        self._rows[: history + 1] = kept
-        self._row = history
-
-    def _longest_block(self) -> int:
-        """Return how many steps may be made at once, for memory and for the observers."""
-        wanted: list[int | None] = [getattr(observer, "max_block", None) for observer in self.observers]
-        return min([_BLOCK_VALUES // max(len(self.signals), 1) + 1, *(n for n in wanted if n is not None)])
 
     def _show(self, i: int, row: int, n: int) -> None:
         if not self.observers:
@@ -377,21 +385,26 @@ class Master:
             observer.observe(i, times, values)
 
     def _exchange(self, part: Part, row: Vector) -> None:
-        self._ask(part.name, lambda: part.component.exchange(part.values, row[part.y]))
+        self._ask(Phase.INITIALISING, part.name, partial(part.component.exchange, part.values, row[part.y]))
 
     def _check_start(self, row: Vector) -> None:
         wrong = np.flatnonzero(~np.isfinite(row))
         if wrong.size:
             raise self._not_finite(int(wrong[0]), row, self.t0)
 
-    def _ask(self, name: str, call: Callable[[], object]) -> None:
+    def _ask(self, phase: Phase, name: str, call: Callable[[], object]) -> None:
         """Call a component; its exceptions become errors of the run."""
+        self._tell(phase, name)
         try:
             call()
         except InputError:
             raise
         except Exception as error:
             raise self._failure(name, error) from error
+        self._table.tell(Phase.BETWEEN, self.k, 0)
+
+    def _tell(self, phase: Phase, name: str) -> None:
+        self._table.tell(phase, self.k, self._places[name])
 
     def _error_of(self, failure: Failure) -> BaseException:
         part, error = failure
@@ -410,14 +423,19 @@ class Master:
         reason = f"{signal.name} became {row[column]} at t = {t:g} s"
         if self.k > 0 and signal.component in looped_components(self.system):
             reason += f"; {advice(self.system.coupling, self.h)}"
-        return RunError(signal.component, time=self.time, step=self.k, reason=reason)
+        return self._run_error(signal.component, reason)
 
     def _failure(self, name: str, error: Exception) -> RunError:
         # A ValueError of ours is a whole sentence; other exceptions say little without their type.
         reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-        return RunError(name, time=self.time, step=self.k, reason=reason)
+        return self._run_error(name, reason)
+
+    def _run_error(self, name: str, reason: str) -> RunError:
+        instance = self.system.components[name].identity
+        return RunError(name, time=self.time, step=self.k, reason=reason, instance=instance)
 
     def _close_component(self, name: str, component: Component) -> None:
+        self._tell(Phase.CLOSING, name)
         try:
             component.close()
         except Exception as error:
@@ -485,13 +503,20 @@ def step_count(duration: float, h: float) -> int:
     return count
 
 
-def _checked_count(n_steps: int | None) -> int:
+def longest_block(observers: Sequence[Observer]) -> int:
+    """Return how many steps may be made at once, for the observers."""
+    wanted: list[int | None] = [getattr(observer, "max_block", None) for observer in observers]
+    return min([LONGEST_BLOCK, *(n for n in wanted if n is not None)])
+
+
+def checked_count(n_steps: int | None) -> int:
+    """Return a number of steps if it is one."""
     if not isinstance(n_steps, int) or n_steps < 0:
         raise InputError("n_steps", got=repr(n_steps), expected="a whole number >= 0", remedy="correct it")
     return n_steps
 
 
-def _ending(observer: Observer) -> Callable[..., None]:
+def ending(observer: Observer) -> Callable[..., None]:
     """Return the exit function that tells `observer` how its run ended."""
 
     def end(

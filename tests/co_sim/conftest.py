@@ -142,6 +142,19 @@ def parrot(request, parrots) -> Path:
     return parrots[request.param]
 
 
+@pytest.fixture(scope="session")
+def faulty_fmus(tmp_path_factory) -> dict[int, Path]:
+    """The archives of the FMU that misbehaves as its instance name says."""
+    folder = Path(__file__).parent
+    descriptions = {i: (folder / f"faulty{i}.xml").read_text(encoding="utf-8") for i in (2, 3)}
+    return _archives("faulty", descriptions, tmp_path_factory.mktemp("faulty"))
+
+
+@pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])
+def faulty_fmu(request, faulty_fmus) -> Path:
+    return faulty_fmus[request.param]
+
+
 _call = caller(STEP)
 
 
