@@ -130,6 +130,10 @@ class Component(ABC):
     #: extrapolated. Others get the mean over the step of an extrapolated input. `exchange` has values only.
     takes_derivatives: bool = False
 
+    #: Whether `u` carries the value of an extrapolated input at the end of the step instead of its mean, as
+    #: suits a component without memory. Without effect where derivatives are taken.
+    takes_end_values: bool = False
+
     def __init__(
         self,
         inputs: Sequence[Port],
@@ -225,9 +229,12 @@ class Component(ABC):
 class FunctionComponent(Component):
     """A component without memory: ``y(t) = function(t, u)``.
 
-    `function` returns one value per output element. Its output at ``t + h`` uses the inputs held from ``t``.
+    `function` returns one value per output element. Its output at ``t + h`` uses the inputs there: those that
+    the coupling extrapolates, and the others as they were held from ``t``.
     Without `feedthrough` every output is taken to depend on every input.
     """
+
+    takes_end_values = True
 
     def __init__(
         self,

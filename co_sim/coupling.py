@@ -28,12 +28,13 @@ class Coupling:
         saved states, until the values at its end agree with what the components were given.
     order : of the polynomial in time that stands for each continuous input during a step, through past
         values (and the new one where the algorithm knows it): 0, 1 or 2. A component that takes no
-        derivatives gets its mean over the step. Inputs that are not continuous are held.
+        derivatives gets its mean over the step, one without memory its value at the end. Inputs that are
+        not continuous are held.
     loops : at the start, ``"solve"`` algebraic loops between outputs and inputs, or ``"refuse"`` them.
     tolerance : of solved loops and of iterated steps, relative to the largest value a signal has had.
     max_iterations : of one step; ``"iterated"`` fails beyond.
-    divergence : a run stops when a signal has grown this many times without pause, and beyond this
-        value in its own unit; ``inf`` lets it grow.
+    divergence : a run stops when a signal has grown this many times without pause, its largest jump not
+        counted, and beyond this value in its own unit; ``inf`` lets it grow.
     """
 
     algorithm: Algorithm = "jacobi"

@@ -84,7 +84,7 @@ class CouplingCheck:
     stopped: tuple[str | None, ...]
 
     def __str__(self) -> str:
-        return "\n".join([self.sentence, *self._table()])
+        return "\n".join([self.sentence, *self._all_stopped(), *self._table()])
 
     @property
     def sentence(self) -> str:
@@ -107,15 +107,24 @@ class CouplingCheck:
         )
         if self.verdict == "inaccurate":
             return f"A step of {self.step:g} s is coarse: {found}{remedy}."
-        return f"A step of {self.step:g} s is fine: at most, {found}."
+        return f"A step of {self.step:g} s is fine: {found}, and no signal by more."
+
+    def _all_stopped(self) -> list[str]:
+        """Return what ended the finest run too, so that the step is not to blame."""
+        reason = self.stopped[-1]
+        return [f"Even with a quarter of the step the run stopped: {reason}."] if reason else []
 
     def _table(self) -> list[str]:
         width = max(len(s.name) for s in self.signals)
         head = f"{'signal':{width}}  {'error':>10}  {'unit':8}  {'of range':>9}  order"
         return [head] + [
-            f"{s.name:{width}}  {s.error:10.3g}  {s.unit:8}  {s.relative:9.2%}  {_number(s.order)}"
+            f"{s.name:{width}}  {s.error:10.3g}  {s.unit:8}  {_percent(s.relative):>9}  {_number(s.order)}"
             for s in self.signals
         ]
+
+
+def _percent(share: float) -> str:
+    return f"{share:.2%}" if share < 100.0 else f"{100.0 * share:.1e}%"
 
 
 def _number(order: float) -> str:
@@ -210,7 +219,7 @@ def _verdict(errors: Sequence[SignalError], tables: Sequence[Matrix], stopped: S
     worst = errors[0]
     if stopped[0] and not stopped[-1]:
         return "unstable"
-    if worst.relative <= _TOLERABLE and not any(stopped):
+    if worst.relative <= _TOLERABLE and (all(stopped) or not any(stopped)):
         return "fine"
     coarse, _, fine = tables
     outgrown = np.abs(coarse).max(axis=0) > 10.0 * np.maximum(np.abs(fine).max(axis=0), 1e-300)

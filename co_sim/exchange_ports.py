@@ -8,8 +8,8 @@ from __future__ import annotations
 from numba import cfunc
 
 from co_sim import fmi_table as at
-from co_sim.fmi_step_mixed import _get, _set
-from co_sim.native import STEP, doubles_at, integers_at
+from co_sim.fmi_step_mixed import get_row, set_row
+from co_sim.native import STEP, integers_at
 
 __all__ = ["get_ports", "set_ports"]
 
@@ -20,7 +20,7 @@ def set_ports(t: float, h: float, u: int, y: int, data: int) -> int:
     table = integers_at(data)
     row = data + 8 * at.HEADER
     for _ in range(table[at.N_SET]):
-        action = _set(table, integers_at(row), u)
+        action = set_row(table, integers_at(row), u)
         if action:
             return action
         row += 8 * at.ROW
@@ -32,9 +32,8 @@ def get_ports(t: float, h: float, u: int, y: int, data: int) -> int:
     """Get all outputs."""
     table = integers_at(data)
     row = data + 8 * (at.HEADER + at.ROW * table[at.N_SET])
-    outputs = doubles_at(y)
     for _ in range(table[at.N_GET]):
-        action = _get(table, integers_at(row), outputs)
+        action = get_row(table, integers_at(row), y)
         if action:
             return action
         row += 8 * at.ROW

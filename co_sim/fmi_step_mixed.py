@@ -17,7 +17,7 @@ from co_sim import fmi_table as at
 from co_sim.fmi_step import ENDING, do_step2, do_step3, failing, transfer2, transfer3
 from co_sim.native import STEP, caller, doubles_at, integers_at, pointer_to
 
-__all__ = ["step_mixed"]
+__all__ = ["get_row", "set_row", "step_mixed"]
 
 _LARGEST = float(finfo(float32).max)
 
@@ -120,7 +120,7 @@ def _transfer(table: Any, row: Any, action: int) -> int:
 
 
 @njit()
-def _set(table: Any, row: Any, u: int) -> int:
+def set_row(table: Any, row: Any, u: int) -> int:
     """Make a call that sets inputs."""
     code, address, positions = row[at.CODE], row[at.VALUES], integers_at(row[at.POSITIONS])
     for i in range(row[at.N_VALUES]):
@@ -134,7 +134,7 @@ def _set(table: Any, row: Any, u: int) -> int:
 
 
 @njit()
-def _get(table: Any, row: Any, y: int) -> int:
+def get_row(table: Any, row: Any, y: int) -> int:
     """Make a call that gets outputs."""
     action = _transfer(table, row, at.GETTING)
     if action:
@@ -195,7 +195,7 @@ def step_mixed(t: float, h: float, u: int, y: int, data: int) -> int:
     table = integers_at(data)
     row = data + 8 * at.HEADER
     for _ in range(table[at.N_SET]):
-        action = _set(table, integers_at(row), u)
+        action = set_row(table, integers_at(row), u)
         if action:
             return action
         row += 8 * at.ROW
@@ -207,7 +207,7 @@ def step_mixed(t: float, h: float, u: int, y: int, data: int) -> int:
     if action:
         return action
     for _ in range(table[at.N_GET]):
-        action = _get(table, integers_at(row), y)
+        action = get_row(table, integers_at(row), y)
         if action:
             return action
         row += 8 * at.ROW

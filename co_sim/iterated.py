@@ -94,13 +94,13 @@ class IteratedLoop:
         worst = int(np.argmax(np.abs(residual) / scale))
         column = int(fed[worst])
         part = next(part for part in parts if part.y.start <= column < part.y.stop)
+        names = [element for port in part.component.outputs for element in port.elements]
         return Failure(
             part,
             NotConvergedError(
                 f"after {self._coupling.max_iterations} repetitions of the step its output "
-                f"{column - part.y.start} still differs by {abs(residual[worst]):.3g} from what it was "
-                "taken to be; "
-                "use a smaller step, or raise max_iterations"
+                f"{names[column - part.y.start]} still differs by {abs(residual[worst]):.3g} from what it "
+                "was taken to be; use a smaller step, or raise max_iterations"
             ),
         )
 

@@ -30,7 +30,8 @@ class Part:
     u : the component's slice of all inputs, as its `step` takes them.
     y : the columns of its outputs.
     period : of its steps, in steps of the master.
-    derived : how many inputs have their derivatives behind them; 0 where it wants none.
+    derived : how many inputs have their derivatives behind them; 0 where it wants means over a step, -1
+        where it wants values at the end of a step.
     behind, ahead, end : its links, as `co_sim.kernel` has them.
     """
 
@@ -47,7 +48,7 @@ class Part:
     @property
     def values(self) -> Vector:
         """The inputs without their derivatives, as `exchange` takes them."""
-        return self.u[: self.derived] if self.derived else self.u
+        return self.u[: self.derived] if self.derived > 0 else self.u
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +200,7 @@ def _parts(
     for name in order:
         component = system.components[name]
         width = _width(component)
-        derived = _size(component.inputs) if component.takes_derivatives else 0
+        derived = _size(component.inputs) if component.takes_derivatives else -component.takes_end_values
         parts.append(
             Part(
                 name,

@@ -13,6 +13,7 @@ import time
 import warnings
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -29,7 +30,6 @@ from co_sim.watch import Watch, advice
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
     from types import TracebackType
 
     from co_sim.component import Component, Vector
@@ -44,8 +44,8 @@ __all__ = ["CouplingWarning", "Master", "step_count"]
 #: Blocks are made as long as this, s: short enough for an interrupt, long enough to cost nothing.
 _BLOCK_TIME = 0.02
 _FIRST_BLOCK, _LONGEST_BLOCK = 1, 8192
-#: Values in the table of a block at most: 8 MB.
-_BLOCK_VALUES = 1_000_000
+#: Values in the table of a block at most: 0.8 MB, which a core keeps in its own cache.
+_BLOCK_VALUES = 100_000
 
 
 class CouplingWarning(UserWarning):
@@ -253,7 +253,7 @@ class Master:
         self._begun = snapshot.begun
         self._loop.scale[:] = snapshot.scale
 
-    def write_state(self, path: Path) -> None:
+    def write_state(self, path: Path | str) -> None:
         """Write the present state to a file, whole or not there, for `read_state` of any process.
 
         Raises
@@ -261,9 +261,9 @@ class Master:
         InputError
             If a component cannot write its state, or there is no such folder.
         """
-        write_snapshot(path, self.save(), self.system, self.t0, self._layout.texts)
+        write_snapshot(Path(path), self.save(), self.system, self.t0, self._layout.texts)
 
-    def read_state(self, path: Path) -> None:
+    def read_state(self, path: Path | str) -> None:
         """Go to the state in a file of `write_state`, made from the same system.
 
         Raises
@@ -272,7 +272,7 @@ class Master:
             If the file is not one of a system with these components, signals and step.
         """
         self.start()
-        self.restore(read_snapshot(path, self.system, self.t0, self._layout.texts))
+        self.restore(read_snapshot(Path(path), self.system, self.t0, self._layout.texts))
 
     def close(self) -> None:
         """Close all components, the last one first; safe to call twice.
@@ -305,6 +305,7 @@ class Master:
         self._show(0, self._row, 1)
         block = _FIRST_BLOCK
         longest = self._longest_block()
+        self._make_room(min(longest, count))
         while self.k < begin + count:
             n = min(block, longest, begin + count - self.k)
             started = time.perf_counter()
@@ -364,9 +365,13 @@ class Master:
         return min([_BLOCK_VALUES // max(len(self.signals), 1) + 1, *(n for n in wanted if n is not None)])
 
     def _show(self, i: int, row: int, n: int) -> None:
+        if not self.observers:
+            return
         values = self._rows[row : row + n]
         values.flags.writeable = False
-        times = (self.t0 + np.arange(self.k - n + 1, self.k + 1) * self.h).astype(np.float64, copy=False)
+        times = np.arange(self.k - n + 1, self.k + 1, dtype=np.float64)
+        times *= self.h
+        times += self.t0
         for observer in self.observers:
             observer.observe(i, times, values)
 

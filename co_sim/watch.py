@@ -2,31 +2,39 @@
 
 The largest magnitude of each signal in windows of 64 steps, and of 512 and 4096 for slow oscillations, is
 compared with that of the window before. A *streak* is a row of windows each larger than the last by more
-than 5 %: exponential growth makes long ones, a jump or a straight line does not.
+than 5 %: exponential growth makes long ones, a straight line does not. The largest growth from one window to
+the next is left out of a streak, so that a jump out of rounding errors counts for nothing.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
+from numba.extending import register_jitable
 
 from co_sim.dependencies import looped_components
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from co_sim.component import Vector
     from co_sim.coupling import Coupling
-    from co_sim.kernel import Matrix
+    from co_sim.kernel import Integers, Matrix
     from co_sim.system import System
+
+    Tensor = NDArray[np.float64]
 
 __all__ = ["Growth", "Watch", "advice"]
 
-_WINDOW, _LEVELS, _RATIO = 64, 3, 8
+_WINDOW, _RATIO = 64, 8
 _GROWING = 1.05
-#: A streak this long is no jump.
-_LONG = 4
+#: Windows in a streak, at each level, before it counts. A short run can diverge in few of the shortest ones.
+_LONG = (2, 3, 3)
+_LEVELS = len(_LONG)
 #: Growth without pause that is worth a word even if the run ended before it was beyond all bounds.
 _REMARKABLE = 1e3
 
@@ -56,30 +64,79 @@ class Growth:
         )
 
 
-@dataclass
-class _Level:
-    """Windows of one length."""
+#: What is known of each watched signal on each level: largest magnitude in the present window and in the
+#: last; of its streak the value and the time where it began, its number of windows, and its largest growth
+#: from one window to the next.
+_PEAK, _LAST, _BASE, _BASE_TIME, _LENGTH, _JUMP = range(6)
 
-    n: int
-    filled: int = 0
-    time: float = 0.0
-    peak: Vector = field(init=False)
-    last: Vector = field(init=False)
-    base: Vector = field(init=False)
-    base_time: Vector = field(init=False)
-    length: Vector = field(init=False)
 
-    def __post_init__(self) -> None:
-        self.peak, self.last, self.base = np.zeros(self.n), np.full(self.n, np.inf), np.zeros(self.n)
-        self.base_time, self.length = np.zeros(self.n), np.zeros(self.n)
+@register_jitable
+def _close_window(levels: Tensor, level: int, time: float) -> None:
+    """End the window of a level, at `time`."""
+    for i in range(levels.shape[2]):
+        peak, last = levels[level, _PEAK, i], levels[level, _LAST, i]
+        if peak > _GROWING * last and last > 0.0:
+            levels[level, _LENGTH, i] += 1.0
+            levels[level, _JUMP, i] = max(levels[level, _JUMP, i], peak / last)
+        else:
+            levels[level, _BASE, i], levels[level, _BASE_TIME, i] = peak, time
+            levels[level, _LENGTH, i], levels[level, _JUMP, i] = 0.0, 1.0
+        levels[level, _LAST, i], levels[level, _PEAK, i] = peak, 0.0
+        if level + 1 < _LEVELS and peak > levels[level + 1, _PEAK, i]:
+            levels[level + 1, _PEAK, i] = peak
 
-    def close(self, time: float) -> None:
-        """End a window, at `time`."""
-        growing = (self.peak > _GROWING * self.last) & (self.last > 0.0)
-        self.base = np.where(growing, self.base, self.peak)
-        self.base_time = np.where(growing, self.base_time, time)
-        self.length = np.where(growing, self.length + 1, 0)
-        self.last, self.peak, self.filled, self.time = self.peak, np.zeros(self.n), 0, time
+
+@register_jitable
+def _fastest(levels: Tensor, level: int, least: float) -> int:
+    """Return the signal that has grown most on a level, if by more than `least` without its jump, else -1."""
+    found = -1
+    for i in range(levels.shape[2]):
+        if levels[level, _LENGTH, i] >= _LONG[level] and levels[level, _BASE, i] > 0.0:
+            factor = levels[level, _LAST, i] / levels[level, _BASE, i] / levels[level, _JUMP, i]
+            if factor > least:
+                found, least = i, factor
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _see(
+    rows: Matrix,
+    k: int,
+    t0: float,
+    h: float,
+    divergence: float,
+    columns: Integers,
+    levels: Tensor,
+    filled: Integers,
+    times: Vector,
+) -> tuple[int, int, int]:
+    """Take rows in; return the row at which a signal diverged, its level and number, or -1.
+
+    Windows of a level are made of those of the level below; `filled` tells of how many so far, `times` when
+    the last one ended.
+    """
+    done = 0
+    while done < len(rows):
+        begin, done = done, min(done + _WINDOW - filled[0], len(rows))
+        filled[0] += done - begin
+        for i in range(len(columns)):
+            peak = levels[0, _PEAK, i]
+            for r in range(begin, done):
+                magnitude = abs(rows[r, columns[i]])
+                if magnitude > peak:  # noqa: PLR1730 - twice as fast as max
+                    peak = magnitude
+            levels[0, _PEAK, i] = peak
+        for level in range(_LEVELS):
+            if filled[level] < (_RATIO if level else _WINDOW):
+                break
+            filled[level], times[level] = 0, t0 + (k + done - 1) * h
+            if level + 1 < _LEVELS:
+                filled[level + 1] += 1
+            _close_window(levels, level, times[level])
+            worst = _fastest(levels, level, divergence)
+            if worst >= 0 and levels[level, _LAST, worst] > divergence:
+                return done - 1, level, worst
+    return -1, -1, -1
 
 
 class Watch:
@@ -95,63 +152,35 @@ class Watch:
         looped = looped_components(system)
         self._signals = system.signals
         self._columns = np.flatnonzero([signal.component in looped for signal in self._signals])
-        self._divergence = system.coupling.divergence
-        self._levels = [_Level(len(self._columns)) for _ in range(_LEVELS)]
+        self._divergence = float(system.coupling.divergence)
+        self._levels = np.zeros((_LEVELS, 6, len(self._columns)))
+        self._levels[:, _LAST], self._levels[:, _JUMP] = np.inf, 1.0
+        self._filled = np.zeros(_LEVELS, dtype=np.int64)
+        self._times = np.zeros(_LEVELS)
         self._idle = not (len(self._columns) and math.isfinite(self._divergence))
 
     def see(self, rows: Matrix, k: int, t0: float, h: float) -> tuple[int, Growth] | None:
         """Look at the rows of the steps from `k`; return the step up to which a signal diverged, and how."""
         if self._idle:
             return None
-        done = 0
-        while done < len(rows):
-            lowest = self._levels[0]
-            n = min(_WINDOW - lowest.filled, len(rows) - done)
-            np.maximum(lowest.peak, np.abs(rows[done : done + n, self._columns]).max(axis=0), out=lowest.peak)
-            lowest.filled += n
-            done += n
-            if lowest.filled == _WINDOW:
-                step = k + done - 1
-                growth = self._close(t0 + step * h)
-                if growth:
-                    return step, growth
-        return None
-
-    def _close(self, time: float) -> Growth | None:
-        """End the window of each level that is full; a level's windows are made of those below."""
-        for level, above in zip(self._levels, [*self._levels[1:], None], strict=True):
-            peak = level.peak
-            level.close(time)
-            growth = self._worst(level, self._divergence)
-            if growth and growth.value > self._divergence:
-                return growth
-            if above is None:
-                return None
-            np.maximum(above.peak, peak, out=above.peak)
-            above.filled += 1
-            if above.filled < _RATIO:
-                return None
-        return None
-
-    def _worst(self, level: _Level, least: float) -> Growth | None:
-        """Return the signal that has grown most, if by more than `least`."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            factor = np.where((level.length >= _LONG) & (level.base > 0.0), level.last / level.base, 0.0)
-        i = int(np.argmax(factor))
-        if factor[i] <= least:
-            return None
-        column = int(self._columns[i])
-        name = self._signals[column].name
-        return Growth(
-            column, name, float(level.base_time[i]), level.time, float(factor[i]), float(level.last[i])
+        row, level, i = _see(
+            rows, k, t0, h, self._divergence, self._columns, self._levels, self._filled, self._times
         )
+        return None if row < 0 else (k + row, self._growth(level, i))
 
     def unfinished(self) -> Growth | None:
         """Return what had been growing remarkably, and still was at the end of the run."""
         if self._idle:
             return None
-        found = [self._worst(level, _REMARKABLE) for level in self._levels]
-        return max((g for g in found if g), key=lambda g: g.factor, default=None)
+        fastest = [(level, _fastest(self._levels, level, _REMARKABLE)) for level in range(_LEVELS)]
+        found = [self._growth(level, i) for level, i in fastest if i >= 0]
+        return max(found, key=lambda growth: growth.factor, default=None)
+
+    def _growth(self, level: int, i: int) -> Growth:
+        _, last, base, since, *_ = (float(value) for value in self._levels[level, :, i])
+        column = int(self._columns[i])
+        name = self._signals[column].name
+        return Growth(column, name, since, float(self._times[level]), last / base, last)
 
 
 def advice(coupling: Coupling, h: float) -> str:

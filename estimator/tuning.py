@@ -14,11 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
+from threadpoolctl import threadpool_limits
 
 from estimator.bank import FilterBank
 from estimator.kalman import LinearFilter, design_filter
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import control
 
 __all__ = ["NoiseModel", "Tuning", "negative_log_likelihood", "tune"]
@@ -142,6 +145,17 @@ def tune(
             return _NO_FILTER
         return negative_log_likelihood(candidate, z, skip=skip)
 
+    # Threads of BLAS that wait for each other over 5 by 5 matrices cost several times the search itself.
+    with threadpool_limits(1, user_api="blas"):
+        return _search(cost, design, prior, evaluations)
+
+
+def _search(
+    cost: Callable[[Array], float],
+    design: Callable[[Array], tuple[NoiseModel, LinearFilter]],
+    prior: NoiseModel,
+    evaluations: int,
+) -> Tuning:
     simplex = _SIMPLEX + np.array([0.0, math.log10(prior.acceleration)])
     design(simplex[0])  # where even this fails, its reason is better than the search's
     found = optimize.minimize(

@@ -9,6 +9,7 @@ from co_sim import (
     Component,
     Connection,
     Coupling,
+    CouplingWarning,
     FunctionComponent,
     InputError,
     LinearComponent,
@@ -84,12 +85,45 @@ def test_a_quarter_car_diverges_at_10_ms_and_the_run_says_so():
     assert caught.value.component in {"body", "wheel", "suspension", "tyre"}
 
 
+def test_a_short_run_that_diverges_is_told_as_well():
+    """Two windows after the kerb it warns, three windows after it stops."""
+    with Master(quarter_car(1e-2)) as master, pytest.warns(CouplingWarning, match="-fold without pause"):
+        master.run(2.0)
+    with pytest.raises(RunError, match="-fold without pause"):
+        Master(quarter_car(1e-2)).run(2.7)
+
+
+@pytest.mark.parametrize("lag", [0.02, 0.2, 1.0, 5.0])
+def test_a_large_signal_that_rises_out_of_rounding_errors_is_no_divergence(lag):
+    """A pressure in Pa, at rest but for rounding, then filled slowly or at once, with what reacts to it."""
+    vessel = LinearComponent(
+        control.tf([1.0], [lag**2, 2 * lag, 1]), [Port("in", "Pa")], [Port("p", "Pa")], x0=[0, 1e-17]
+    )
+    valve = LinearComponent(
+        control.ss([], [], [], [[-1e-3, 1.0]]), [Port("p", "Pa"), Port("supply", "Pa")], [Port("out", "Pa")]
+    )
+    parts = {
+        "vessel": vessel,
+        "valve": valve,
+        "supply": TimeTable([0.0, 1.27], [0.0, 3e7], [Port("p", "Pa")]),
+    }
+    wires = [
+        Connection("vessel.p", "valve.p"),
+        Connection("valve.out", "vessel.in"),
+        Connection("supply.p", "valve.supply"),
+    ]
+    for n_steps in (136, 192, 256, 512, 4096):
+        with Master(System(parts, wires, step=1e-2)) as master:
+            master.run(n_steps=n_steps)
+
+
 def test_the_check_calls_it_unstable_before_it_has_diverged():
     check = check_coupling(quarter_car(1e-2), 2.0)
     assert check.verdict == "unstable"
     assert check.recommended_step is not None
     assert check_coupling(quarter_car(check.recommended_step), 2.0).verdict == "fine"
     assert str(check).startswith("The coupling is unstable at a step of 0.01 s")
+    assert max(map(len, str(check).splitlines()[1:])) < 60
 
 
 def test_a_quarter_car_holds_at_10_ms_when_iterated():
@@ -128,6 +162,19 @@ def test_a_system_that_is_unstable_by_nature_is_not_blamed_on_its_coupling():
     parts = {"runaway": runaway, "damper": damper}
     check = check_coupling(System(parts, wires, step=1e-3), 3.0)
     assert check.verdict == "fine"
+
+
+def test_a_stop_of_all_runs_is_told_and_not_blamed_on_the_step():
+    def tank(t, u):
+        if t > 0.5:
+            raise ValueError("the tank is empty")
+        return [t]
+
+    parts = {"tank": FunctionComponent(tank, outputs=[Port("level")])}
+    check = check_coupling(System(parts, step=1e-2), 1.0)
+    assert check.verdict == "fine"
+    assert check.compared_until == pytest.approx(0.5)
+    assert "Even with a quarter of the step the run stopped: the tank is empty.\n" in str(check)
 
 
 def test_results_that_do_not_converge_are_called_so():
