@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import struct
+import warnings
 from contextlib import ExitStack
 from dataclasses import dataclass
 from math import prod
@@ -20,7 +21,17 @@ from co_sim.fmi_binding import Binding, interpolated, is_native
 from co_sim.fmu_archive import unpacked
 from co_sim.fmu_linearize import local_model
 from co_sim.fmu_parameters import parameter_faults, plain_values, sizes_of
-from co_sim.fmu_variables import attribute, feedthrough, kind_of, port_faults, port_of, select, shape_of
+from co_sim.fmu_variables import (
+    attribute,
+    feedthrough,
+    kind_of,
+    port_faults,
+    port_of,
+    select,
+    shape_of,
+    units_of,
+    variables_of,
+)
 from co_sim.local_model import NotLinearizableError
 from co_sim.native import NativeComponent
 
@@ -35,11 +46,17 @@ if TYPE_CHECKING:
     from co_sim.local_model import LocalModel
     from co_sim.native import NativeStep
 
-__all__ = ["ContinuousState", "FmuComponent"]
+__all__ = ["ContinuousState", "FmuComponent", "StepSizeWarning"]
 
 #: Of a serialized state: whether the initialisation is over, and the lengths of the token of the FMU and of
 #: the binding's memory, which follow.
 _HEADER = struct.Struct("<?II")
+#: Part of a step by which decimal numbers may miss a multiple.
+_STEP_TOLERANCE = 1e-9
+
+
+class StepSizeWarning(UserWarning):
+    """A communication step that an FMU's own fixed steps do not fill: it gets to other times than asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +125,8 @@ class FmuComponent(NativeComponent):
         self._path = Path(path)
         self._description = read_description(self._path)
         self._slave_type = self._adapter()
-        self._variables = {variable.name: variable for variable in self._description.modelVariables}
+        self._variables = variables_of(self._description)
+        self._units = units_of(self._description)
         name = self._path.name
         faults = [
             *port_faults(name, self._variables, inputs or (), "input"),
@@ -145,7 +163,14 @@ class FmuComponent(NativeComponent):
         self.inputs, self.outputs = self._ports()
 
     def start(self, t0: float, h: float) -> None:
-        """Unpack and load the FMU, set its parameters and enter initialisation mode."""
+        """Unpack and load the FMU, set its parameters and enter initialisation mode.
+
+        Warns
+        -----
+        StepSizeWarning
+            If `h` is no multiple of the fixed steps that the FMU says it makes inside (FMI 3).
+        """
+        self._compare_steps(h)
         alone = self._interface.canBeInstantiatedOnlyOncePerProcess
         folder = self._resources.enter_context(unpacked(self._path, alone=alone))
         slave = self._slave_type(self._description, folder)
@@ -309,6 +334,19 @@ class FmuComponent(NativeComponent):
         """What the description says about the interface type that is used."""
         return self._slave_type.interface(self._description)
 
+    def _compare_steps(self, h: float) -> None:
+        own = getattr(self._interface, "fixedInternalStepSize", None)
+        if own is None or not float(own) > 0.0:
+            return
+        count = h / float(own)
+        if round(count) < 1 or abs(count - round(count)) > _STEP_TOLERANCE * count:
+            warnings.warn(
+                f"{self._path.name} makes fixed steps of {float(own):g} s inside, of which {h:g} s is no"
+                " multiple; choose the communication step, or the rate, accordingly",
+                StepSizeWarning,
+                stacklevel=2,
+            )
+
     def _adapter(self) -> type[Slave]:
         return slave_type(self._path, self._description)
 
@@ -336,8 +374,8 @@ class FmuComponent(NativeComponent):
     def _ports(self) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
         sizes = self._sizes
         return (
-            tuple(port_of(variable, sizes) for variable in self._inputs),
-            tuple(port_of(variable, sizes) for variable in self._outputs),
+            tuple(port_of(variable, sizes, self._units) for variable in self._inputs),
+            tuple(port_of(variable, sizes, self._units) for variable in self._outputs),
         )
 
     def _takes_derivatives(self) -> bool:

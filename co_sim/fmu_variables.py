@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 from math import prod
 from typing import TYPE_CHECKING, cast
 
 from co_sim import fmi_table as at
 from co_sim.component import Port
 from co_sim.errors import Fault, suggestion
+from co_sim.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,7 +22,18 @@ if TYPE_CHECKING:
     #: Values of structural parameters by name, where they differ from those of the description.
     Sizes = Mapping[str, int]
 
-__all__ = ["attribute", "describe", "feedthrough", "kind_of", "port_faults", "port_of", "select", "shape_of"]
+__all__ = [
+    "attribute",
+    "describe",
+    "feedthrough",
+    "kind_of",
+    "port_faults",
+    "port_of",
+    "select",
+    "shape_of",
+    "units_of",
+    "variables_of",
+]
 
 _KINDS: dict[str, Kind] = {
     "Real": "float64",
@@ -40,6 +53,30 @@ _KINDS: dict[str, Kind] = {
     "String": "string",
 }
 
+_BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+def variables_of(description: ModelDescription) -> dict[str, ModelVariable]:
+    """Return all variables by name; those of FMI 3 also by their aliases, as variables of that name."""
+    variables = {variable.name: variable for variable in description.modelVariables}
+    for variable in description.modelVariables:
+        for alias in variable.aliases:
+            same = copy.copy(variable)
+            same.name, same.description, same.alias = alias.name, alias.description, variable
+            variables[alias.name] = same
+    return variables
+
+
+def units_of(description: ModelDescription) -> dict[str, Unit]:
+    """Return what the description says its units mean, where it does."""
+    units = {}
+    for unit in description.unitDefinitions:
+        base = unit.baseUnit
+        if base is not None:
+            exponents = {name: int(getattr(base, name)) for name in _BASES}
+            units[unit.name] = Unit(**exponents, factor=float(base.factor), offset=float(base.offset))
+    return units
+
 
 def kind_of(variable: ModelVariable) -> Kind | None:
     """Return the kind of a port for a variable; ``None`` for binaries and clocks."""
@@ -55,23 +92,31 @@ def shape_of(variable: ModelVariable, sizes: Sizes) -> tuple[int, ...]:
 
 
 def select(variables: Variables, names: Sequence[str] | None, causality: str) -> list[ModelVariable]:
-    """Return the named variables, or without names all that can be ports of this causality."""
+    """Return the named variables, or without names all that can be ports of this causality, not by alias."""
     if names is not None:
         return [variables[name] for name in names]
-    return [v for v in variables.values() if v.causality == causality and _is_signal(v)]
+    own = (v for v in variables.values() if v.alias is None)
+    return [v for v in own if v.causality == causality and _is_signal(v)]
 
 
-def port_of(variable: ModelVariable, sizes: Sizes) -> Port:
-    """Return the port of a variable; its unit may be that of its declared type."""
+def port_of(variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit]) -> Port:
+    """Return the port of a variable; its unit may be that of its declared type.
+
+    Parameters
+    ----------
+    variable : of a type that can be a port. sizes : of arrays. units : what the description defines.
+    """
     shape = shape_of(variable, sizes)
+    unit = attribute(variable, "unit") or "1"
     return Port(
         variable.name,
-        attribute(variable, "unit") or "1",
+        unit,
         _start(variable, shape),
         variable.description or "",
         cast("Kind", kind_of(variable)),
         shape,
         variable.variability == "continuous",
+        units.get(unit),
     )
 
 
