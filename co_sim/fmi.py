@@ -1,4 +1,4 @@
-"""FMUs behind one interface for FMI 2.0 and 3.0; only this file and `co_sim.exchange_model` use fmpy.
+"""FMUs behind one interface for FMI 2.0 and 3.0.
 
 What differs between the versions lies in `_Slave2` and `_Slave3`, chosen once for each FMU. Compiled steps
 (`co_sim.fmi_step`) call the C functions by their address.
@@ -7,7 +7,6 @@ What differs between the versions lies in `_Slave2` and `_Slave3`, chosen once f
 from __future__ import annotations
 
 import itertools
-import zipfile
 from abc import ABC, abstractmethod
 from collections import deque
 from contextlib import chdir, suppress
@@ -19,10 +18,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import fmpy
 from fmpy import fmi2, fmi3
-from fmpy.model_description import read_model_description
 
+from co_sim.archives import contents
 from co_sim.errors import InputError
-from co_sim.fmi_description import complete
 from co_sim.fmi_values import write
 
 if TYPE_CHECKING:
@@ -36,7 +34,7 @@ if TYPE_CHECKING:
 
     _References = NDArray[np.uint32]
 
-__all__ = ["FmuError", "Slave", "read_description", "require_library", "slave_type", "unpack"]
+__all__ = ["FmuError", "Slave", "require_library", "slave_type"]
 
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _OK, _WARNING, _ERROR, _FATAL, _PENDING = 0, 1, 3, 4, 5
@@ -395,27 +393,6 @@ def _pointer(array: NDArray[Any], element: Any) -> Any:
     return array.ctypes.data_as(POINTER(element))
 
 
-def read_description(path: Path) -> ModelDescription:
-    """Return the description of the FMU at `path`, without unpacking the archive."""
-    try:
-        description = read_model_description(path)
-        if description.fmiMajorVersion == 3:
-            complete(description, path)
-    except Exception as error:
-        raise InputError(
-            f"FMU {path}",
-            got=" ".join(str(error).split()),
-            expected="a valid FMU archive",
-            remedy="check the path, then the archive with `fmpy validate`",
-        ) from error
-    return description
-
-
-def unpack(path: Path, folder: str) -> None:
-    """Unpack the archive of an FMU into an empty folder."""
-    fmpy.extract(path, folder)
-
-
 def slave_type(path: Path, description: ModelDescription) -> type[Slave]:
     """Return the adapter for an FMU that can be run here."""
     version = {2: _Slave2, 3: _Slave3}.get(description.fmiMajorVersion)
@@ -434,12 +411,14 @@ def slave_type(path: Path, description: ModelDescription) -> type[Slave]:
 
 def require_library(path: Path, library: str) -> None:
     """Refuse an FMU without the library for this platform."""
-    with zipfile.ZipFile(path) as archive:
-        contained = archive.namelist()
+    contained = contents(path)
     if library not in contained:
+        platforms = sorted({name.split("/")[1] for name in contained if name.startswith("binaries/")})
+        has_sources = any(name.startswith("sources/") and name.endswith(".c") for name in contained)
+        others = f" but for {', '.join(platforms)}" if platforms else ""
         raise InputError(
             f"FMU {path}",
-            got=f"no {library}",
+            got=f"no {library}{others}",
             expected="a library for this platform",
-            remedy="build it for here",
+            remedy="compile its sources for here" if has_sources else "have it exported for this platform",
         )

@@ -16,8 +16,9 @@ import numpy as np
 
 from co_sim.component import Port, StateError
 from co_sim.errors import Fault, InputError, suggestion
-from co_sim.fmi import FmuError, read_description, slave_type
+from co_sim.fmi import FmuError, slave_type
 from co_sim.fmi_binding import Binding, interpolated, is_native
+from co_sim.fmi_description import read_description
 from co_sim.fmu_archive import unpacked
 from co_sim.fmu_linearize import local_model
 from co_sim.fmu_parameters import parameter_faults, plain_values, sizes_of

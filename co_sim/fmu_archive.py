@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from contextlib import contextmanager
 from dataclasses import dataclass
 from tempfile import TemporaryDirectory
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from co_sim.fmi import unpack
+from co_sim.archives import contents, safe_extract
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
@@ -55,14 +54,13 @@ def unpacked(path: Path, *, alone: bool) -> Iterator[str]:
 
 def _content(path: Path) -> tuple[tuple[str, int, int], ...]:
     """Return the names, check sums and sizes in an archive: a file that was written anew is another one."""
-    with zipfile.ZipFile(path) as archive:
-        return tuple((item.filename, item.CRC, item.file_size) for item in archive.infolist())
+    return tuple((name, entry.CRC, entry.file_size) for name, entry in contents(path).items())
 
 
 def _new_folder(path: Path) -> _Folder:
     directory = TemporaryDirectory(prefix=f"{path.stem}_")
     try:
-        unpack(path, directory.name)
+        safe_extract(path, directory.name)
     except BaseException:
         directory.cleanup()
         raise

@@ -164,7 +164,8 @@ class ExchangeFmu(FmuComponent):
     @property
     def _default_substep(self) -> float:
         step_size = getattr(self._description.defaultExperiment, "stepSize", None)
-        return float(step_size) if step_size else 0.0
+        given = float(step_size) if step_size else 0.0
+        return given if 0.0 < given < np.inf else 0.0
 
 
 def _faults(where: str, substep: float | None, method: str) -> list[Fault]:

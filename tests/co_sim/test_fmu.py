@@ -196,7 +196,9 @@ def edited(path, folder, *changes):
 
 def test_an_archive_without_a_library_for_here_is_refused(lag_fmu, tmp_path):
     other = edited(lag_fmu, tmp_path, ('modelIdentifier="lag"', 'modelIdentifier="lead"'))
-    with pytest.raises(InputError, match=r"got no binaries/.*lead\..*expected a library for this platform"):
+    with pytest.raises(
+        InputError, match=r"got no binaries/.*lead\..* but for .*expected a library for this platform"
+    ):
         FmuComponent(other)
 
 
@@ -216,7 +218,7 @@ def test_what_is_no_fmu_is_refused_in_one_line(tmp_path, content):
     path = tmp_path / "broken.fmu"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(InputError, match="expected a valid FMU archive") as caught:
+    with pytest.raises(InputError, match=r"broken\.fmu: got .* expected a ZIP archive") as caught:
         FmuComponent(path)
     assert "\n" not in str(caught.value)
 
