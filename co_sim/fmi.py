@@ -80,7 +80,7 @@ class Slave(ABC):
                     unzipDirectory=folder,
                 )
         except Exception as error:
-            reason = str(error.__cause__ or error).replace(folder, "").lstrip("/\\")
+            reason = str(error).replace(folder, "")
             raise FmuError(f"its library cannot be loaded: {reason}{self._needs}") from error
         self._log: deque[str] = deque(maxlen=_MESSAGES)
         self._worst = 0

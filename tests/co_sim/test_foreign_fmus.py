@@ -207,7 +207,7 @@ def test_sparse_descriptions_and_scalars_named_like_elements_of_arrays(foreign):
     fmu = FmuComponent(foreign(SPARSE), outputs=["outputs[1]", "outputs[2]", "x"], parameters={"T": T})
     assert all(port.continuous for port in (*fmu.inputs, *fmu.outputs))
     assert [port.unit for port in fmu.outputs] == ["degC", "1", "1"]
-    assert fmu.feedthrough["outputs[1]"] == []
+    assert not fmu.feedthrough["outputs[1]"]
     np.testing.assert_allclose(response(fmu, "inputs[1]", "outputs[2]", unit="degC"), exact(), atol=1e-12)
 
 
@@ -284,8 +284,8 @@ def test_an_fmu_without_a_library_for_this_platform_says_so(foreign):
 
 
 def test_an_fmu_whose_library_does_not_load_says_why(foreign):
-    system = System({"plant": FmuComponent(foreign(FLAT, library=b"MZ is no library of Linux"))}, step=0.1)
-    with pytest.raises(RunError, match=r"plant .* its library cannot be loaded: .*lag.*(ELF|invalid)"):
+    system = System({"plant": FmuComponent(foreign(FLAT, library=b"MZ" + bytes(4000)))}, step=0.1)
+    with pytest.raises(RunError, match=r"plant .* its library cannot be loaded: .*lag.*invalid ELF header"):
         Master(system).start()
 
 
