@@ -6,7 +6,7 @@ import copy
 import struct
 import warnings
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from types import MappingProxyType
@@ -21,7 +21,7 @@ from co_sim.fmi_binding import Binding, interpolated, is_native
 from co_sim.fmi_description import read_description
 from co_sim.fmu_archive import unpacked
 from co_sim.fmu_linearize import local_model
-from co_sim.fmu_parameters import parameter_faults, plain_values, sizes_of
+from co_sim.fmu_parameters import parameter_faults, plain_values, sizes_of, start_of
 from co_sim.fmu_variables import (
     attribute,
     feedthrough,
@@ -38,6 +38,7 @@ from co_sim.native import NativeComponent
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from os import PathLike
 
     from fmpy.model_description import ModelVariable
 
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from co_sim.fmu_parameters import Value
     from co_sim.local_model import LocalModel
     from co_sim.native import NativeStep
+    from co_sim.units import Unit
 
 __all__ = ["ContinuousState", "FmuComponent", "StepSizeWarning"]
 
@@ -105,8 +107,9 @@ class FmuComponent(NativeComponent):
     outputs : names of the variables that become ports, of any causality; ``None`` takes all with
         causality ``output``.
     parameters : values set before initialisation: parameters, also structural ones, and start values of local
-        and output variables. An enumeration takes the name of its literal or its number, an array nested
-        sequences of its shape.
+        and output variables; of inputs the value that they keep while nothing is connected. An enumeration
+        takes the name of its literal or its number, an array nested sequences of its shape.
+    units : of variables for which the FMU declares none: name and, if there is one, definition.
 
     Raises
     ------
@@ -117,17 +120,19 @@ class FmuComponent(NativeComponent):
 
     def __init__(
         self,
-        path: Path | str,
+        path: PathLike[str] | str,
         *,
         inputs: Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
         parameters: Mapping[str, Value] = MappingProxyType({}),
+        units: Mapping[str, tuple[str, Unit | None]] = MappingProxyType({}),
     ) -> None:
+        # Held as it is, because it may own the folder in which the FMU lies.
+        self._given_path = path
         self._path = Path(path)
         self._description = read_description(self._path)
         self._slave_type = self._adapter()
         self._variables = variables_of(self._description)
-        self._units = units_of(self._description)
         name = self._path.name
         faults = [
             *port_faults(name, self._variables, inputs or (), "input"),
@@ -138,6 +143,8 @@ class FmuComponent(NativeComponent):
             raise InputError.from_faults(faults)
         self._inputs = select(self._variables, inputs, "input")
         self._outputs = select(self._variables, outputs, "output")
+        self._units = dict(units)
+        self._definitions = units_of(self._description)
         self._own_parameters = dict(parameters)
         self._parameters = self._own_parameters
         super().__init__(*self._ports(), feedthrough(self._description, self._inputs, self._outputs))
@@ -152,6 +159,21 @@ class FmuComponent(NativeComponent):
         duplicate._slave = duplicate._binding = None
         duplicate._resources = ExitStack()
         return duplicate
+
+    @property
+    def path(self) -> Path:
+        """The archive."""
+        return self._path
+
+    @property
+    def parameters(self) -> Mapping[str, Value]:
+        """The parameters of the constructor."""
+        return MappingProxyType(self._own_parameters)
+
+    @property
+    def variables(self) -> Mapping[str, ModelVariable]:
+        """All variables of the FMU by name, as fmpy describes them."""
+        return MappingProxyType(self._variables)
 
     def parameter_faults(self, values: Mapping[str, Value]) -> Iterable[Fault]:
         """Find parameters that are unknown or whose value is not allowed."""
@@ -373,11 +395,16 @@ class FmuComponent(NativeComponent):
         return sizes_of(self._variables, self._parameters)
 
     def _ports(self) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
-        sizes = self._sizes
-        return (
-            tuple(port_of(variable, sizes, self._units) for variable in self._inputs),
-            tuple(port_of(variable, sizes, self._units) for variable in self._outputs),
-        )
+        return tuple(map(self._port, self._inputs)), tuple(map(self._port, self._outputs))
+
+    def _port(self, variable: ModelVariable) -> Port:
+        port = port_of(variable, self._sizes, self._definitions)
+        if variable.name in self._units and not attribute(variable, "unit"):
+            unit, definition = self._units[variable.name]
+            port = replace(port, unit=unit, definition=definition)
+        if variable.causality == "input" and variable.name in self._parameters:
+            port = replace(port, start=start_of(variable, self._parameters[variable.name]))
+        return port
 
     def _takes_derivatives(self) -> bool:
         """Tell whether to set derivatives of inputs; in FMI 3 there is no such call."""
@@ -385,8 +412,12 @@ class FmuComponent(NativeComponent):
         return can and bool(interpolated(self.inputs)) and is_native([*self.inputs, *self.outputs])
 
     def _values(self, *, structural: bool) -> Iterator[tuple[ModelVariable, Kind, list[object]]]:
+        ports = {port.name for port in self.inputs}
         for name, value in self._parameters.items():
             variable = self._variables[name]
+            if name in ports:
+                # The master sets it, in initialisation mode.
+                continue
             if (variable.causality == "structuralParameter") == structural:
                 yield variable, cast("Kind", kind_of(variable)), plain_values(variable, value)
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     #: A value, or the values of an array, row in row as it is declared.
     Value = Scalar | Sequence[Any]
 
-__all__ = ["parameter_faults", "plain_values", "sizes_of"]
+__all__ = ["parameter_faults", "plain_values", "sizes_of", "start_of"]
 
 _FLOATS = {"float64": math.inf, "float32": float(np.finfo(np.float32).max)}
 
@@ -53,7 +53,7 @@ def parameter_faults(fmu: str, variables: Variables, values: Mapping[str, Value]
                 what,
                 f"{describe(variable)} with causality {variable.causality}",
                 "a parameter or start value",
-                "connect it" if variable.causality == "input" else "leave it out",
+                "leave it out",
             )
         else:
             yield from _value_faults(what, variable, value, sizes)
@@ -62,6 +62,16 @@ def parameter_faults(fmu: str, variables: Variables, values: Mapping[str, Value]
 def plain_values(variable: ModelVariable, value: Value) -> list[Any]:
     """Return the elements of an accepted value as C takes them: a literal as its number, a text as UTF-8."""
     return [_plain(variable, element) for element in _elements(value)]
+
+
+def start_of(variable: ModelVariable, value: Value) -> float | str | tuple[float | str, ...]:
+    """Return an accepted value as the start value of a port, where all but texts are numbers."""
+    literals = _literals(variable) if variable.type == "Enumeration" else {}
+    starts = tuple(
+        value if kind_of(variable) == "string" else float(literals.get(cast("str", value), value))
+        for value in _elements(value)
+    )
+    return starts if variable.dimensions else starts[0]
 
 
 def _value_faults(what: str, variable: ModelVariable, value: Value, sizes: Sizes) -> Iterator[Fault]:
@@ -110,7 +120,7 @@ def _is_settable(variable: ModelVariable) -> bool:
     if kind_of(variable) is None or variable.clocks:
         return False
     has_start = variable.causality in {"output", "local"} and variable.variability != "constant"
-    return variable.causality in {"parameter", "structuralParameter"} or (
+    return variable.causality in {"parameter", "structuralParameter", "input"} or (
         has_start and variable.initial in {"exact", "approx"}
     )
 

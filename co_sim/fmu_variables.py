@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from math import prod
 from typing import TYPE_CHECKING, cast
 
@@ -21,11 +22,14 @@ if TYPE_CHECKING:
     Variables = Mapping[str, ModelVariable]
     #: Values of structural parameters by name, where they differ from those of the description.
     Sizes = Mapping[str, int]
+    #: Meaning of units by name, where it is declared.
+    Units = Mapping[str, Unit]
 
 __all__ = [
     "attribute",
     "describe",
     "feedthrough",
+    "is_signal",
     "kind_of",
     "port_faults",
     "port_of",
@@ -35,6 +39,7 @@ __all__ = [
     "variables_of",
 ]
 
+_BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _KINDS: dict[str, Kind] = {
     "Real": "float64",
     "Integer": "int32",
@@ -53,8 +58,6 @@ _KINDS: dict[str, Kind] = {
     "String": "string",
 }
 
-_BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-
 
 def variables_of(description: ModelDescription) -> dict[str, ModelVariable]:
     """Return all variables by name; those of FMI 3 also by their aliases, as variables of that name."""
@@ -65,17 +68,6 @@ def variables_of(description: ModelDescription) -> dict[str, ModelVariable]:
             same.name, same.description, same.alias = alias.name, alias.description, variable
             variables[alias.name] = same
     return variables
-
-
-def units_of(description: ModelDescription) -> dict[str, Unit]:
-    """Return what the description says its units mean, where it does."""
-    units = {}
-    for unit in description.unitDefinitions:
-        base = unit.baseUnit
-        if base is not None:
-            exponents = {name: int(getattr(base, name)) for name in _BASES}
-            units[unit.name] = Unit(**exponents, factor=float(base.factor), offset=float(base.offset))
-    return units
 
 
 def kind_of(variable: ModelVariable) -> Kind | None:
@@ -96,16 +88,11 @@ def select(variables: Variables, names: Sequence[str] | None, causality: str) ->
     if names is not None:
         return [variables[name] for name in names]
     own = (v for v in variables.values() if v.alias is None)
-    return [v for v in own if v.causality == causality and _is_signal(v)]
+    return [v for v in own if v.causality == causality and is_signal(v)]
 
 
-def port_of(variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit]) -> Port:
-    """Return the port of a variable; its unit may be that of its declared type.
-
-    Parameters
-    ----------
-    variable : of a type that can be a port. sizes : of arrays. units : what the description defines.
-    """
+def port_of(variable: ModelVariable, sizes: Sizes, units: Units) -> Port:
+    """Return the port of a variable; its unit may be that of its declared type."""
     shape = shape_of(variable, sizes)
     unit = attribute(variable, "unit") or "1"
     return Port(
@@ -120,6 +107,20 @@ def port_of(variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit]) ->
     )
 
 
+def units_of(description: ModelDescription) -> dict[str, Unit]:
+    """Return the units that an FMU defines by their base units, by name."""
+    bases = {unit.name: unit.baseUnit for unit in description.unitDefinitions if unit.baseUnit is not None}
+    return {
+        name: replace(
+            Unit(**{exponent: int(getattr(base, exponent) or 0) for exponent in _BASES}),
+            factor=float(base.factor),
+            offset=float(base.offset or 0.0),
+        )
+        for name, base in bases.items()
+        if float(base.factor or 0.0)
+    }
+
+
 def port_faults(fmu: str, variables: Variables, names: Sequence[str], causality: str) -> Iterator[Fault]:
     """Find names that cannot be ports: an input must be one, an output may be any variable with a value."""
     for name in names:
@@ -128,7 +129,7 @@ def port_faults(fmu: str, variables: Variables, names: Sequence[str], causality:
         fitting = [v.name for v in select(variables, None, causality)]
         if variable is None:
             yield Fault(what, "an unknown name", "a name from its description", suggestion(name, fitting))
-        elif not _is_signal(variable):
+        elif not is_signal(variable):
             yield Fault(what, describe(variable), "a number, a boolean or a text", "choose another variable")
         elif causality == "input" and variable.causality != "input":
             yield Fault(
@@ -177,7 +178,8 @@ def describe(variable: ModelVariable) -> str:
     return f"{'an array' if variable.dimensions else 'a scalar'} of type {variable.type}"
 
 
-def _is_signal(variable: ModelVariable) -> bool:
+def is_signal(variable: ModelVariable) -> bool:
+    """Tell whether a variable can be a port."""
     return kind_of(variable) is not None and not variable.clocks
 
 

@@ -16,12 +16,13 @@ from co_sim.local_model import LocalModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
+    from os import PathLike
 
     from co_sim.component import Vector
     from co_sim.fmi import Slave
     from co_sim.fmu import ContinuousState
     from co_sim.fmu_parameters import Value
+    from co_sim.units import Unit
 
 __all__ = ["ExchangeFmu"]
 
@@ -46,8 +47,9 @@ class ExchangeFmu(FmuComponent):
     outputs : names of the variables that become ports, of any causality; ``None`` takes all with
         causality ``output``.
     parameters : values set before initialisation: parameters, also structural ones, and start values of local
-        and output variables. An enumeration takes the name of its literal or its number, an array nested
-        sequences of its shape.
+        and output variables; of inputs the value that they keep while nothing is connected. An enumeration
+        takes the name of its literal or its number, an array nested sequences of its shape.
+    units : of variables for which the FMU declares none: name and, if there is one, definition.
     substep : longest substep, s; each step is divided into equal ones. ``None`` takes the step size of the
         FMU's default experiment, or else the whole step.
     method : of integration: ``"rk4"`` (classical Runge-Kutta), ``"midpoint"`` or ``"euler"``, of
@@ -62,17 +64,18 @@ class ExchangeFmu(FmuComponent):
 
     def __init__(
         self,
-        path: Path | str,
+        path: PathLike[str] | str,
         *,
         inputs: Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
         parameters: Mapping[str, Value] = MappingProxyType({}),
+        units: Mapping[str, tuple[str, Unit | None]] = MappingProxyType({}),
         substep: float | None = None,
         method: Literal["rk4", "midpoint", "euler"] = "rk4",
     ) -> None:
         faults: list[Fault] = []
         try:
-            super().__init__(path, inputs=inputs, outputs=outputs, parameters=parameters)
+            super().__init__(path, inputs=inputs, outputs=outputs, parameters=parameters, units=units)
         except InputError as error:
             faults.extend(error.faults)
         faults.extend(_faults(f"of {path}", substep, method))
@@ -81,6 +84,16 @@ class ExchangeFmu(FmuComponent):
         self._method = method
         self._substep = self._default_substep if substep is None else substep
         self._t0 = 0.0
+
+    @property
+    def method(self) -> Literal["rk4", "midpoint", "euler"]:
+        """The method of integration."""
+        return self._method
+
+    @property
+    def substep(self) -> float:
+        """The longest substep, s; 0 for the whole step."""
+        return self._substep
 
     @property
     def states(self) -> tuple[ContinuousState, ...]:

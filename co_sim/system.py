@@ -41,12 +41,14 @@ class Connection:
     source, target : an output and an input of the same shape, or elements of arrays.
     gain, offset : the input is ``gain*output + offset``, in the unit of the input; units are
         converted before.
+    convert_units : whether they are. Without, the bare number passes, whatever its unit.
     """
 
     source: str
     target: str
     gain: float = 1.0
     offset: float = 0.0
+    convert_units: bool = True
 
     def __str__(self) -> str:
         return f"{self.source} -> {self.target}"
@@ -152,7 +154,7 @@ class System:
             )
             for connection in self.connections
             for origin, aim in [(outputs[connection.source], inputs[connection.target])]
-            for factor, shift in [_conversion(origin.port, aim.port) or (1.0, 0.0)]
+            for factor, shift in [_factor(connection, origin, aim)]
             for smooth in [_is_smooth(origin.port) and _is_smooth(aim.port)]
             for source, target in zip(origin.elements, aim.elements, strict=True)
         ]
@@ -308,7 +310,7 @@ def _mismatches(connection: Connection, source: _End, target: _End) -> Iterator[
             "types that lose nothing",
             "convert in a component between them",
         )
-    else:
+    elif connection.convert_units:
         yield from _unit_faults(what, source.port, target.port)
     if not (math.isfinite(connection.gain) and math.isfinite(connection.offset)):
         got = f"gain {connection.gain}, offset {connection.offset}"
@@ -331,6 +333,12 @@ def _unit_faults(what: str, source: Port, target: Port) -> Iterator[Fault]:
             "units of the same dimension at both ends",
             "correct the unit of a port, or convert in a component between them",
         )
+
+
+def _factor(connection: Connection, source: _End, target: _End) -> tuple[float, float]:
+    """Return factor and offset between the units of the ends of a sound connection."""
+    converted = _conversion(source.port, target.port) if connection.convert_units else None
+    return converted or (1.0, 0.0)
 
 
 def _conversion(source: Port, target: Port) -> tuple[float, float] | None:

@@ -140,7 +140,7 @@ def test_all_faults_of_names_and_values_are_told_together(lag_fmu):
                 "trouble_step": 2**31,
                 "negative": 1,
                 "label": 3,
-                "u": 1.0,
+                "x": 1.0,
                 "x0": True,
             },
         )
@@ -160,7 +160,7 @@ def test_all_faults_of_names_and_values_are_told_together(lag_fmu):
             "got 2147483648, expected a whole number from -1 to 2.14748e+09",
             "got 1, expected True or False",
             "got 3, expected a text",
-            "connect it",
+            "leave it out",
             "got True, expected a finite number from -inf to inf V",
         ],
         strict=True,

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from co_sim import FmuComponent, InputError, Port
 from co_sim.local_model import NotLinearizableError
 from co_sim.texts import number_of, text_of
+from co_sim.units import Unit
 
 INTEGERS = {
     "int8": (-(2**7), 2**7 - 1),
@@ -448,3 +449,53 @@ def test_a_linear_model_from_directional_derivatives(parrot, lag_fmu):
         pytest.raises(NotLinearizableError, match="no continuous states"),
     ):
         run.component.linearize(0.0, run.u)
+
+
+def test_inputs_take_start_values_among_the_parameters(parrot):
+    values = {
+        "float64_in": 2.5,
+        "int32_in": 7,
+        "boolean_in": False,
+        "enumeration_in": "red",
+        "string_in": "ho",
+    }
+    fmu = FmuComponent(parrot, parameters=values)
+    inputs = named(fmu.inputs)
+    expected = {
+        "float64_in": 2.5,
+        "int32_in": 7.0,
+        "boolean_in": 0.0,
+        "enumeration_in": 1.0,
+        "string_in": "ho",
+    }
+    assert {name: inputs[name].start for name in expected} == expected
+    fmu.set_parameters({"float64_in": 3.5})
+    assert named(fmu.inputs)["float64_in"].start == 3.5
+    with pytest.raises(InputError, match=r'"int32_in".*got 0\.5'):
+        FmuComponent(parrot, parameters={"int32_in": 0.5})
+    # An input that is no port keeps the value as well.
+    alone = FmuComponent(parrot, inputs=[], outputs=["float64_out"], parameters={"float64_in": 2.5})
+    with Running(alone, u=np.zeros(0)) as running:
+        assert running.step()[0] == 2.5 + 1
+
+
+def test_a_unit_is_given_where_the_fmu_declares_none(parrots):
+    metre = Unit(m=1)
+    units = {"float64_in": ("ell", metre), "a_in": ("ell", metre)}
+    inputs = named(FmuComponent(parrots[3], units=units).inputs)
+    assert (inputs["float64_in"].unit, inputs["float64_in"].definition) == ("ell", metre)
+    assert inputs["a_in"].unit == "m"
+
+
+def test_units_mean_what_the_fmu_declares(lag_fmu, tmp_path):
+    path = tmp_path / "own.fmu"
+    with zipfile.ZipFile(lag_fmu) as old, zipfile.ZipFile(path, "w") as new:
+        for name in old.namelist():
+            text = old.read(name)
+            if name == "modelDescription.xml":
+                text = text.replace(
+                    b'<Unit name="V"/>', b'<Unit name="V"><BaseUnit m="1" factor="2"/></Unit>'
+                )
+            new.writestr(name, text)
+    fmu = FmuComponent(path)
+    assert {port.definition for port in (*fmu.inputs, *fmu.outputs)} == {Unit(m=1, factor=2.0)}

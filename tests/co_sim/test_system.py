@@ -298,3 +298,16 @@ def test_a_declared_unit_means_what_its_declaration_says():
     assert values["b.y"] == pytest.approx(9.656, rel=1e-15)
     wrong = System({"a": parts["a"], "c": parts["c"]}, [Connection("a.y", "c.u")])
     assert '"league" into "s"' in only_fault(wrong)
+
+
+def test_units_stay_as_they_are_where_a_connection_says_so():
+    parts = {
+        "a": Constant([3.0], [Port("y", "m")]),
+        "b": FunctionComponent(lambda t, u: [u[0]], inputs=[Port("u", "nonsense")], outputs=[Port("y")]),
+    }
+    assert "nonsense" in only_fault(System(parts, [Connection("a.y", "b.u")]))
+    system = System(parts, [Connection("a.y", "b.u", 2.0, 1.0, convert_units=False)])
+    recorder = Recorder()
+    with Master(system, observers=[recorder]) as master:
+        master.run(0.1)
+    assert recorder["b.y"][-1] == 7.0

@@ -1,0 +1,5 @@
+"""System Structure and Parameterization (SSP) 1.0 and 2.0: systems of FMUs, read and written."""
+
+from co_sim.ssp.reading import SspModel, open_ssp, read_ssp
+
+__all__ = ["SspModel", "open_ssp", "read_ssp"]
