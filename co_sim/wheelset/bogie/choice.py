@@ -24,6 +24,8 @@ CANDIDATES = (
     Coupling("gauss-seidel", order=0),
     Coupling("gauss-seidel", order=1),
 )
+#: Signals that are compared: what drives the bogie is the same at every step.
+_COUPLED = ("front.*", "rear.*", "frame.*")
 #: Steps that may be chosen, s; each divides the time by which the rear wheelset is late at 20 m/s.
 _STEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5)
 
@@ -84,13 +86,17 @@ def choose(
     InputError
         If no step is good enough.
     """
-    tried = tuple(Trial(c, check_coupling(system(steps[0], c), duration)) for c in candidates)
-    best = min(tried, key=lambda trial: trial.error)
+
+    def trial(step: float, coupling: Coupling) -> Trial:
+        return Trial(coupling, check_coupling(system(step, coupling), duration, patterns=_COUPLED))
+
+    tried = tuple(trial(steps[0], coupling) for coupling in candidates)
+    best = min(tried, key=lambda each: each.error)
     for step in steps[1:]:
         if best.check.verdict == "fine":
             break
         if step <= 1.001 * (best.check.recommended_step or step):
-            best = Trial(best.coupling, check_coupling(system(step, best.coupling), duration))
+            best = trial(step, best.coupling)
     if best.check.verdict != "fine":
         raise InputError(
             "coupling",
