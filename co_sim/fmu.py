@@ -109,7 +109,8 @@ class FmuComponent(NativeComponent):
     parameters : values set before initialisation: parameters, also structural ones, and start values of local
         and output variables; of inputs the value that they keep while nothing is connected. An enumeration
         takes the name of its literal or its number, an array nested sequences of its shape.
-    units : of variables for which the FMU declares none: name and, if there is one, definition.
+    units : of variables for which the FMU declares none, or none with a definition: name and, if there is
+        one, definition.
 
     Raises
     ------
@@ -399,8 +400,8 @@ class FmuComponent(NativeComponent):
 
     def _port(self, variable: ModelVariable) -> Port:
         port = port_of(variable, self._sizes, self._definitions)
-        if variable.name in self._units and not attribute(variable, "unit"):
-            unit, definition = self._units[variable.name]
+        unit, definition = self._units.get(variable.name, ("", None))
+        if unit and port.definition is None and attribute(variable, "unit") in {None, "", unit}:
             port = replace(port, unit=unit, definition=definition)
         if variable.causality == "input" and variable.name in self._parameters:
             port = replace(port, start=start_of(variable, self._parameters[variable.name]))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     #: A value, or the values of an array, row in row as it is declared.
     Value = Scalar | Sequence[Any]
 
-__all__ = ["parameter_faults", "plain_values", "sizes_of", "start_of"]
+__all__ = ["literals_of", "parameter_faults", "plain_values", "sizes_of", "start_of"]
 
 _FLOATS = {"float64": math.inf, "float32": float(np.finfo(np.float32).max)}
 
@@ -66,7 +66,7 @@ def plain_values(variable: ModelVariable, value: Value) -> list[Any]:
 
 def start_of(variable: ModelVariable, value: Value) -> float | str | tuple[float | str, ...]:
     """Return an accepted value as the start value of a port, where all but texts are numbers."""
-    literals = _literals(variable) if variable.type == "Enumeration" else {}
+    literals = literals_of(variable) if variable.type == "Enumeration" else {}
     starts = tuple(
         value if kind_of(variable) == "string" else float(literals.get(cast("str", value), value))
         for value in _elements(value)
@@ -113,7 +113,7 @@ def _is_array(value: object) -> bool:
 def _plain(variable: ModelVariable, value: Scalar) -> float | int | bool | bytes:
     if not isinstance(value, str):
         return value
-    return _literals(variable)[value] if variable.type == "Enumeration" else value.encode()
+    return literals_of(variable)[value] if variable.type == "Enumeration" else value.encode()
 
 
 def _is_settable(variable: ModelVariable) -> bool:
@@ -132,7 +132,7 @@ def _accepts(variable: ModelVariable, value: object) -> bool:
     if kind == "string":
         return isinstance(value, str) and "\0" not in value
     if kind == "enumeration":
-        literals = _literals(variable)
+        literals = literals_of(variable)
         return not isinstance(value, bool) and (value in literals or value in literals.values())
     if isinstance(value, bool) or not isinstance(value, Real if kind in _FLOATS else Integral):
         return False
@@ -147,7 +147,7 @@ def _expected(variable: ModelVariable) -> str:
     if kind == "string":
         return "a text"
     if kind == "enumeration":
-        return f"one of {', '.join(_literals(variable))}"
+        return f"one of {', '.join(literals_of(variable))}"
     low, high = _bounds(variable)
     number = "a finite number" if kind in _FLOATS else "a whole number"
     unit = f" {attribute(variable, 'unit')}" if attribute(variable, "unit") else ""
@@ -172,5 +172,6 @@ def _bounds(variable: ModelVariable) -> tuple[float, float]:
     )
 
 
-def _literals(variable: ModelVariable) -> dict[str, int]:
+def literals_of(variable: ModelVariable) -> dict[str, int]:
+    """Return the literals of an enumeration with their numbers."""
     return {item.name: int(item.value) for item in variable.declaredType.items}

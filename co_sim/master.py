@@ -84,6 +84,7 @@ class Master:
     ) -> None:
         if h is not None:
             system = replace(system, step=h)
+        _set_parameters(system)
         system.check()
         if not math.isfinite(t0):
             raise InputError("start time", got=f"{t0} s", expected="a finite time", remedy="correct it")
@@ -438,6 +439,14 @@ class Master:
             if error is None:
                 raise
             error.add_note(f"while closing: {second}")
+
+
+def _set_parameters(system: System) -> None:
+    """Give the components their sound parameters, on which shapes and start values of ports may depend."""
+    for name, component in system.components.items():
+        values = system.parameters_of(name)
+        if not any(component.parameter_faults(values)):
+            component.set_parameters(values)
 
 
 @contextmanager

@@ -49,7 +49,8 @@ class ExchangeFmu(FmuComponent):
     parameters : values set before initialisation: parameters, also structural ones, and start values of local
         and output variables; of inputs the value that they keep while nothing is connected. An enumeration
         takes the name of its literal or its number, an array nested sequences of its shape.
-    units : of variables for which the FMU declares none: name and, if there is one, definition.
+    units : of variables for which the FMU declares none, or none with a definition: name and, if there is
+        one, definition.
     substep : longest substep, s; each step is divided into equal ones. ``None`` takes the step size of the
         FMU's default experiment, or else the whole step.
     method : of integration: ``"rk4"`` (classical Runge-Kutta), ``"midpoint"`` or ``"euler"``, of

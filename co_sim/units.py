@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from decimal import Decimal, localcontext
 from functools import cache
 from types import MappingProxyType
@@ -20,7 +20,7 @@ from co_sim.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Unit", "UnknownUnitError", "conversion"]
+__all__ = ["Unit", "UnknownUnitError", "conversion", "define"]
 
 #: Digits that are carried, so that a factor is rounded once, when it becomes a float.
 _DIGITS = 40
@@ -149,6 +149,19 @@ def conversion(
         if a.exponents != b.exponents:
             return None
         return float(a.factor / b.factor), float((a.offset - b.offset) / b.factor)
+
+
+def define(unit: str) -> Unit:
+    """Return the general meaning of a unit.
+
+    Raises
+    ------
+    UnknownUnitError
+        If it cannot be read or is not known.
+    """
+    with localcontext(prec=_DIGITS):
+        meaning = _general_meaning(unit)
+    return replace(Unit(*meaning.exponents), factor=float(meaning.factor), offset=float(meaning.offset))
 
 
 def _meaning(unit: str, definitions: Mapping[str, Unit]) -> _Meaning:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,6 +13,7 @@ from co_sim.fmu_variables import attribute
 from co_sim.fmu_variables import units_of as units_of_fmu
 from co_sim.ssp.chain import Chain, MismatchError
 from co_sim.ssp.elements import Component, Linear, Measure, Reference, SystemElement
+from co_sim.units import UnknownUnitError, define
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from co_sim.ssp.sources import PackedFile
     from co_sim.units import Unit
 
-__all__ = ["GIVING", "Edge", "Fmu", "Network", "Pin", "Route", "name_of"]
+__all__ = ["GIVING", "Edge", "Fmu", "Network", "Pin", "Route", "element_of", "name_of"]
 
 #: Kinds of connectors whose values come out of an element; those of a system's own go out of it.
 GIVING = frozenset({"output", "calculatedParameter", "constant", "local", "independent"})
@@ -37,6 +39,11 @@ Path = tuple[str, ...]
 def name_of(path: Path) -> str:
     """Return the name of a component: its path with slashes. Dots are for ports, and written ``%2E`` here."""
     return "/".join(path).replace(".", "%2E")
+
+
+def element_of(name: str) -> str:
+    """Return the name of an element for a component: the inverse of `name_of` for a flat system."""
+    return name.replace("%2E", ".")
 
 
 class Pin(NamedTuple):
@@ -131,8 +138,11 @@ class Network:
         return variable.causality if variable else ""
 
     def port_measure(self, pin: Pin) -> Measure | None:
-        """Return the unit of a variable of an FMU, or else of the connector for it."""
-        return self.fmus[pin.path].measure(pin.name) or self._declared(pin)
+        """Return the unit of a variable of an FMU; the connector for it may add what the FMU leaves open."""
+        own, declared = self.fmus[pin.path].measure(pin.name), self._declared(pin)
+        if declared is None or (own and (own.definition is not None or own.name != declared.name)):
+            return own
+        return _as_known(declared)
 
     def chain(self, route: Route, target: Pin) -> Chain | None:
         """Return what happens to numbers on a way to the connector at its end; ``None`` for a fault told."""
@@ -272,6 +282,14 @@ class Network:
         if kind not in GIVING | _TAKING:
             return "either"
         return "source" if (kind in GIVING) == (end.element is not None) else "target"
+
+
+def _as_known(measure: Measure) -> Measure:
+    """Return a unit without its definition, where that says in fewer digits what is known of the name."""
+    with suppress(UnknownUnitError):
+        if measure.definition == define(measure.name):
+            return Measure(measure.name, None)
+    return measure
 
 
 _SAYS = {"source": "give a value", "target": "take a value"}

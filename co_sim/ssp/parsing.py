@@ -33,6 +33,11 @@ __all__ = ["Structure", "read_structure"]
 DEFAULT = "SystemStructure.ssd"
 _FMU = "application/x-fmu-sharedlibrary"
 _SSD, _SSP = "application/x-ssp-definition", "application/x-ssp-package"
+_TYPE_OF = {
+    "ParameterSet": "application/x-ssp-parameter-set",
+    "ParameterMapping": "application/x-ssp-parameter-mapping",
+    "SignalDictionary": "application/x-ssp-signal-dictionary",
+}
 _TYPES = (
     "Real", "Float64", "Float32", "Integer", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64",
     "UInt64", "Boolean", "String", "Enumeration", "Binary", "Clock",
@@ -241,6 +246,9 @@ def _content(
     node: Node, holder: Node | None, tag: str, document: _Document, file: PackedFile | None
 ) -> Node | None:
     """Return the root element of what `node` refers to, or of what `holder` contains."""
+    if node.get("type", _TYPE_OF[tag]) != _TYPE_OF[tag]:
+        node.fault(f'the type "{node.get("type")}"', _TYPE_OF[tag], "convert it")
+        return None
     source = node.given("source")
     if source is None:
         found = holder.child(tag) if holder else None

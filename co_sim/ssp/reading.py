@@ -149,7 +149,7 @@ class _Assembly:
         system = System(
             parts,
             connections,
-            step=step or notes.step or self._default_step,
+            step=next(value for value in (step, notes.step, self._default_step) if value is not None),
             rates=notes.rates,
             coupling=coupling or notes.coupling or Coupling(),
         )

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from co_sim import FmuComponent, InputError, Port
+from co_sim import Connection, Constant, FmuComponent, InputError, Master, Port, System
 from co_sim.local_model import NotLinearizableError
 from co_sim.texts import number_of, text_of
 from co_sim.units import Unit
@@ -499,3 +499,20 @@ def test_units_mean_what_the_fmu_declares(lag_fmu, tmp_path):
             new.writestr(name, text)
     fmu = FmuComponent(path)
     assert {port.definition for port in (*fmu.inputs, *fmu.outputs)} == {Unit(m=1, factor=2.0)}
+
+
+def test_a_system_sets_shapes_and_start_values(parrots):
+    part = FmuComponent(parrots[3], inputs=["float64_in", "v_in"], outputs=["float64_out", "v_out"])
+    source = Constant([[4, 5, 6]], [Port("y", kind="int32", shape=(3,))])
+    system = System(
+        {"source": source, "part": part},
+        [Connection("source.y", "part.v_in")],
+        parameters={"part.n": 3, "part.float64_in": 2.5},
+        step=0.5,
+    )
+    for _ in range(2):
+        with Master(system) as master:
+            assert master.signals[-1].name == "part.v_out[3]"
+            master.run(0.5)
+            # The parrot says arrays backwards, and adds the number of steps.
+            assert list(master.values) == [4.0, 5.0, 6.0, 2.5 + 1, 6.0 + 1, 5.0 + 1, 4.0 + 1]

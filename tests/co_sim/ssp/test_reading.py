@@ -1,13 +1,18 @@
 """Structures, connections and units of packages written by hand."""
 
 import tempfile
+import zipfile
+from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from co_sim import Connection, FmuComponent, InputError, Master, Recorder, System
 from co_sim.ssp import read_ssp
+from co_sim.units import Unit
 
 from .conftest import UNITS, component, connectors, ssd, system, wire
 
@@ -129,3 +134,106 @@ def test_units_and_transformations(pack, start, end, attributes, inside, expecte
     (connection,) = read_ssp(pack(text)).connections
     assert connection.convert_units is expected[2]
     np.testing.assert_allclose((connection.gain, connection.offset), expected[:2], rtol=1e-15)
+
+
+def test_units_that_the_fmu_leaves_open(pack, parrots):
+    parrot = "resources/the%20parrot.fmu"
+    units = UNITS.replace(
+        "</ssd:Units>", '<ssc:Unit name="ell"><ssc:BaseUnit m="1" factor="0.5"/></ssc:Unit></ssd:Units>'
+    )
+    elements = component(
+        "a", connectors("float64_out:output:ell", "sum:output", "float32_out:output"), parrot
+    ) + component("b", connectors("a_in:input", "float64_in:input:m", "float32_in:input"), parrot)
+    wires = (
+        wire("a.float64_out", "b.float64_in")
+        + wire("a.sum", "b.float32_in")
+        + wire("a.float32_out", "b.a_in", attributes='endIndices="1 1"')
+    )
+    found = read_ssp(pack(ssd(system(elements, wires), units)))
+    ports = {
+        port.name: port
+        for name in "ab"
+        for port in (*found.components[name].inputs, *found.components[name].outputs)
+    }
+    assert ports["float64_out"].definition == Unit(m=1, factor=0.5)
+    # Where one end has no unit, numbers pass as they are.
+    assert ends(found) == [
+        ("a.float32_out -> b.a_in[1,1]", 1.0, 0.0, False),
+        ("a.float64_out -> b.float64_in", 1.0, 0.0, True),
+        ("a.sum -> b.float32_in", 1.0, 0.0, False),
+    ]
+    assert found.links()[0].gain == 0.5
+
+
+def test_a_unit_that_only_the_description_defines(pack, parrots, tmp_path):
+    data = {}
+    with zipfile.ZipFile(parrots[3]) as old, zipfile.ZipFile(tmp_path / "p.fmu", "w") as new:
+        for name in old.namelist():
+            new.writestr(
+                name, old.read(name).replace(b'name="m"', b'name="ell"').replace(b'unit="m"', b'unit="ell"')
+            )
+    data["resources/p.fmu"] = (tmp_path / "p.fmu").read_bytes()
+    units = UNITS.replace(
+        "</ssd:Units>", '<ssc:Unit name="ell"><ssc:BaseUnit m="1" factor="0.5"/></ssc:Unit></ssd:Units>'
+    )
+    elements = component("a", connectors("sum:output:ell"), "resources/p.fmu") + component(
+        "b", connectors("float64_in:input:m"), "resources/p.fmu"
+    )
+    found = read_ssp(pack(ssd(system(elements, wire("a.sum", "b.float64_in")), units), data))
+    assert [link.gain for link in found.links()] == [0.5]
+
+
+@st.composite
+def nestings(draw):
+    """Draw components, each with a path of systems around it, and who feeds whom."""
+    n = draw(st.integers(2, 5))
+    paths = [tuple(draw(st.lists(st.sampled_from("pqr"), max_size=3))) for _ in range(n)]
+    sources = [draw(st.sampled_from([None, *(j for j in range(n) if j != i)])) for i in range(n)]
+    flips = draw(st.lists(st.booleans(), min_size=64, max_size=64))
+    return paths, sources, flips
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(nestings())
+def test_any_nesting_of_the_same_connections_is_the_same_system(pack, drawn):
+    paths, sources, flips = drawn
+    flips = iter(flips)
+    borders, wires = defaultdict(dict), defaultdict(set)
+    for i, j in enumerate(sources):
+        if j is not None:
+            lead(paths[j], paths[i], j, i, borders, wires)
+
+    def build(path):
+        inside = "".join(component(f"c{i}") for i, where in enumerate(paths) if where == path)
+        below = {
+            where[: len(path) + 1] for where in paths if where[: len(path)] == path and len(where) > len(path)
+        }
+        inside += "".join(build(child) for child in sorted(below))
+        text = "".join(wire(*(pair[::-1] if next(flips, False) else pair)) for pair in sorted(wires[path]))
+        before = connectors(*(f"{name}:{kind}" for name, kind in borders[path].items()))
+        name = path[-1] if path else "root"
+        return system(inside, text, name=name, before=before if borders[path] else "")
+
+    found = read_ssp(pack(ssd(build(())), bare=True))
+    names = ["/".join((*path, f"c{i}")) for i, path in enumerate(paths)]
+    assert set(found.components) == set(names)
+    assert ends(found) == plain(
+        *(f"{names[j]}.x -> {names[i]}.u" for i, j in enumerate(sources) if j is not None)
+    )
+
+
+def lead(source, target, j, i, borders, wires):
+    """Lead a value out of the systems around its source and into those around its target."""
+    common = 0
+    while common < min(len(source), len(target)) and source[common] == target[common]:
+        common += 1
+    start = f"c{j}.x"
+    for depth in range(len(source), common, -1):
+        borders[source[:depth]][f"x{j}"] = "output"
+        wires[source[:depth]].add((start, f".x{j}"))
+        start = f"{source[depth - 1]}.x{j}"
+    for depth in range(common, len(target)):
+        wires[target[:depth]].add((start, f"{target[depth]}.u{j}"))
+        borders[target[: depth + 1]][f"u{j}"] = "input"
+        start = f".u{j}"
+    wires[target].add((start, f"c{i}.u"))
