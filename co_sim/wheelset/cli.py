@@ -124,13 +124,14 @@ def _run_bogie(out: Path, seed: int | None) -> None:
             bogie = prepare(out, 1 if seed is None else seed)
             click.echo(_choice_table(bogie.choice))
             status.update("Running the bogie")
+            bogie.write_system(out)
             bogie.write(bogie.simulate(out), out)
     except InputError as error:
         _refuse(error)
     except RunError as error:
         click.echo(f"error: {error}", err=True)
         sys.exit(1)
-    click.echo(f"\n{out / 'report.html'} has the figures")
+    click.echo(f"\n{out / 'report.html'} has the figures, {out / 'bogie.ssp'} the system for other tools")
 
 
 def _choice_table(choice: Choice) -> str:

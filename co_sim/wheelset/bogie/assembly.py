@@ -8,11 +8,11 @@ Its components know each other only by their ports::
 
 from __future__ import annotations
 
-from contextlib import redirect_stdout
 from dataclasses import dataclass
 from importlib import resources
-from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from co_sim.component import Port
@@ -24,12 +24,12 @@ from co_sim.wheelset.track import TrackInput
 from fmu_wheelset import path
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from co_sim.component import Component
     from co_sim.wheelset.track import TrackProfile
 
-__all__ = ["HALF_WHEELBASE", "WHEELSETS", "Ride", "assemble", "build_frame"]
+__all__ = ["HALF_WHEELBASE", "WHEELSETS", "Ride", "assemble", "assemble_fmus", "build_frame", "build_track"]
 
 #: Half of the distance between the wheelsets, m; the frame's parameter ``a``.
 HALF_WHEELBASE = 1.28
@@ -64,12 +64,30 @@ class Ride:
 
 def build_frame(folder: Path) -> Path:
     """Export the frame by PythonFMU3 into a folder, which need not exist, and return the FMU."""
+    return _export("bogie_frame", folder)
+
+
+def build_track(track: TrackProfile, folder: Path) -> Path:
+    """Export a track by PythonFMU3 into a folder, which need not exist, and return the FMU."""
+    curve = track.curve
+    first = curve.x[0]
+    offset = curve.c[-1] - track.offset[0]
+    rows = zip(curve.x[:-1] - first, *curve.c[:-1], offset, strict=True)
+    lines = [",".join(repr(float(number)) for number in row) for row in rows]
+    with TemporaryDirectory() as temporary:
+        file = Path(temporary) / "track.csv"
+        file.write_text("\n".join([*lines, repr(track.length)]) + "\n", encoding="utf-8")
+        return _export("recorded_track", folder, [file])
+
+
+def _export(name: str, folder: Path, files: Sequence[Path] = ()) -> Path:
+    """Make an FMU of a module of this package, with files as its resources."""
     from pythonfmu3 import FmuBuilder
 
-    script = resources.files("co_sim.wheelset.bogie") / "bogie_frame.py"
-    with resources.as_file(script) as file, redirect_stdout(StringIO()):
-        built = FmuBuilder.build_FMU(file, dest=folder, canGetAndSetFMUState=True, canSerializeFMUState=True)
-    return Path(built)
+    script = resources.files("co_sim.wheelset.bogie") / f"{name}.py"
+    options = {"canGetAndSetFMUState": True, "canSerializeFMUState": True}
+    with resources.as_file(script) as file:
+        return Path(FmuBuilder.build_FMU(file, dest=folder, project_files=files, **options))
 
 
 def assemble(frame: Path, ride: Ride, *, step: float = 1e-3, coupling: Coupling | None = None) -> System:
@@ -88,30 +106,57 @@ def assemble(frame: Path, ride: Ride, *, step: float = 1e-3, coupling: Coupling 
         "rear": _wheelset(),
         "frame": FmuComponent(frame, parameters={"a": HALF_WHEELBASE}),
     }
-    wires = [wire for name in WHEELSETS for wire in _wires(name)]
+    wires = [wire for name in WHEELSETS for wire in (*_drive_wires(name), *_wires(name))]
     return System(components, wires, step=step, coupling=coupling or Coupling())
 
 
-def _wheelset() -> FmuComponent:
-    """Return a wheelset that the frame alone holds: its own yaw spring to the ground is off."""
+def assemble_fmus(
+    frame: Path, track: Path, ride: Ride, *, step: float = 1e-3, coupling: Coupling | None = None
+) -> System:
+    """Return the same bogie of FMUs alone, which any tool can run.
+
+    Parameters
+    ----------
+    frame, track : the FMUs of `build_frame` and `build_track`.
+    step : communication step, s. coupling : ``None`` is that of `System`.
+    """
+    behind = 2.0 * HALF_WHEELBASE
+    drive = {"speed": ride.speed, "prescribed_creepage": ride.creepage}
+    components: dict[str, Component] = {
+        "track": FmuComponent(track, parameters={"speed": ride.speed, "ramp": ride.ramp, "behind": behind}),
+        "front": _wheelset(drive),
+        "rear": _wheelset(drive),
+        "frame": FmuComponent(frame, parameters={"a": HALF_WHEELBASE}),
+    }
+    wires = [Connection(f"track.{name}", f"{name}.track_lateral_offset") for name in WHEELSETS]
+    wires += [wire for name in WHEELSETS for wire in _wires(name)]
+    return System(components, wires, step=step, coupling=coupling or Coupling())
+
+
+def _wheelset(inputs: Mapping[str, float] = MappingProxyType({})) -> FmuComponent:
+    """Return a wheelset that the frame alone holds, with values of inputs that nothing feeds.
+
+    All of its suspension to the ground is off by default but the yaw spring.
+    """
     return FmuComponent(
         path(fmi=3),
         inputs=["speed", "prescribed_creepage", "track_lateral_offset", *_LOADS.values()],
         outputs=_OUTPUTS,
-        parameters=_WHEELSET_PARAMETERS,
+        parameters={"drive_mode": "prescribed_creep", "k_w": 0.0, **inputs},
     )
 
 
-#: All of its suspension to the ground is off by default but the yaw spring.
-_WHEELSET_PARAMETERS: Mapping[str, float | str] = {"drive_mode": "prescribed_creep", "k_w": 0.0}
-
-
-def _wires(name: str) -> list[Connection]:
+def _drive_wires(name: str) -> list[Connection]:
     return [
         Connection("drive.speed", f"track_{name}.speed"),
         Connection("drive.speed", f"{name}.speed"),
         Connection("drive.prescribed_creepage", f"{name}.prescribed_creepage"),
         Connection(f"track_{name}.lateral_offset", f"{name}.track_lateral_offset"),
+    ]
+
+
+def _wires(name: str) -> list[Connection]:
+    return [
         *(Connection(f"{name}.{motion}", f"frame.{name}.{motion}") for motion in _MOTION),
         *(Connection(f"frame.{name}.{load}", f"{name}.{target}") for load, target in _LOADS.items()),
     ]

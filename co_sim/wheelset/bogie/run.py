@@ -12,7 +12,7 @@ import numpy as np
 from co_sim.files import whole_file
 from co_sim.master import Master
 from co_sim.observers import CsvWriter, Recorder
-from co_sim.wheelset.bogie.assembly import Ride, assemble, build_frame
+from co_sim.wheelset.bogie.assembly import Ride, assemble, assemble_fmus, build_frame, build_track
 from co_sim.wheelset.bogie.choice import choose
 from co_sim.wheelset.track import synthesise
 from estimator.track_spectrum import ERRI_B176
@@ -76,6 +76,16 @@ class BogieRun:
         with whole_file(folder / "summary.json") as temporary:
             temporary.write_text(json.dumps(self._summary(record), indent=2) + "\n", encoding="utf-8")
         write_report(self, drawings, folder / "report.html")
+
+    def write_system(self, folder: Path) -> None:
+        """Write bogie.ssp: the same system of FMUs alone, with the step and coupling that were chosen."""
+        from co_sim.ssp import write_ssp
+
+        track = build_track(self.ride.track, folder)
+        system = assemble_fmus(
+            self.frame, track, self.ride, step=self.choice.step, coupling=self.choice.coupling
+        )
+        write_ssp(system, folder / "bogie.ssp", start_time=0.0, stop_time=DURATION)
 
     def _summary(self, record: Recorder) -> dict[str, Any]:
         ride = self.ride

@@ -11,10 +11,18 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag, expm
 from scipy.signal import lsim
 
-from co_sim import Coupling, FmuComponent, Master, Recorder
+from co_sim import Coupling, FmuComponent, Master, Recorder, RunError, System
 from co_sim.errors import InputError
+from co_sim.ssp import read_ssp, schema_faults, write_ssp
 from co_sim.wheelset.bogie import run as bogie_run
-from co_sim.wheelset.bogie.assembly import HALF_WHEELBASE, Ride, assemble, build_frame
+from co_sim.wheelset.bogie.assembly import (
+    HALF_WHEELBASE,
+    Ride,
+    assemble,
+    assemble_fmus,
+    build_frame,
+    build_track,
+)
 from co_sim.wheelset.bogie.bogie_frame import oscillate
 from co_sim.wheelset.bogie.choice import choose
 from co_sim.wheelset.cli import main
@@ -165,6 +173,32 @@ def test_the_rear_wheelset_meets_the_track_of_the_front_one_after_the_wheelbase(
     np.testing.assert_allclose(rear[late:], front[:-late], rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+def test_the_same_bogie_from_an_ssp_gives_the_same_bits(frame, tmp_path, version):
+    ride = Ride(a_track(), speed=25.0, creepage=2e-3, ramp=3.0)
+    coupling = Coupling("gauss-seidel", 1)
+    written = assemble_fmus(frame, build_track(ride.track, tmp_path), ride, step=5e-4, coupling=coupling)
+    write_ssp(written, tmp_path / "bogie.ssp", version=version)
+    assert not list(schema_faults(tmp_path / "bogie.ssp"))
+    read = read_ssp(tmp_path / "bogie.ssp")
+    assert (read.step, read.coupling) == (5e-4, coupling)
+    got = trajectory(read, 1.0)
+    expected = trajectory(assemble(frame, ride, step=5e-4, coupling=coupling), 1.0)
+    shared = [name for name in got.names if name in expected.names]
+    assert len(shared) == 18
+    for name in shared:
+        np.testing.assert_array_equal(got[name], expected[name])
+    np.testing.assert_array_equal(got["track.rear"], expected["track_rear.lateral_offset"])
+
+
+def test_the_track_fmu_says_where_the_track_ends(tmp_path):
+    track = build_track(a_track(length=10.0), tmp_path)
+    with pytest.raises(RunError, match="the track ends after 10 m"):
+        trajectory(System({"track": FmuComponent(track, parameters={"speed": 20.0})}, step=0.1), 1.0)
+    whole = System({"track": FmuComponent(track, parameters={"speed": 20.0})}, step=0.1)
+    assert len(trajectory(whole, 0.5).time) == 6
+
+
 def test_only_the_frame_holds_the_wheelsets(frame):
     """Without its springs a wheelset yaws as one that nothing holds; with them it comes back."""
     ride = Ride(TrackProfile([0, 20, 40, 60], [0, 0, 0, 0]))
@@ -233,7 +267,9 @@ def test_the_command_writes_all_that_it_says(tmp_path, monkeypatch, capsys):
     files = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
     assert files == {
         "bogie_frame.fmu",
+        "recorded_track.fmu",
         "wheelset.fmu",
+        "bogie.ssp",
         "results.csv",
         "summary.json",
         "report.html",
