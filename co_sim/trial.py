@@ -73,9 +73,11 @@ def _steps(component: FmuComponent, t0: float, h: float, n: int, enter: Callable
             component.step(t0 + k * h, h, u, y)
         else:
             k = n
-    finally:
-        enter("termination")
+    except Exception:
         component.close()
+        raise
+    enter("termination")
+    component.close()
     wrong = [f'output "{names[i]}" is {y[i]:g}' for i in np.flatnonzero(~np.isfinite(y))]
     if wrong:
         more = f" and {len(wrong) - _MOST_NAMES} more" if len(wrong) > _MOST_NAMES else ""

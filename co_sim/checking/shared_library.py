@@ -51,7 +51,7 @@ def read_library(data: bytes) -> SharedLibrary | None:
     lief.logging.disable()
     if lief.is_macho(list(data[:4096])):
         fat = lief.MachO.parse(list(data))
-        return _joined(list(fat)) if fat is not None else None
+        return _joined(list(fat)) if fat is not None and len(fat) else None
     parsed = lief.parse(data)
     if not isinstance(parsed, lief.ELF.Binary | lief.PE.Binary):
         return None

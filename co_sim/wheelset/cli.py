@@ -15,6 +15,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from co_sim.cli_tools import check, inspect
 from co_sim.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ Examples:
   wheelset run adhesion-drop --out drop     the other packaged scenario, results in ./drop
   wheelset scenario default > mine.toml     a scenario file to start from
   wheelset run mine.toml --out mine
+  wheelset inspect vehicle.fmu              ports, units and capabilities of any FMU
+  wheelset check vehicle.fmu                everything that is wrong with it
 """,
 )
 @click.version_option(package_name="wheelset-cosim", prog_name="wheelset")
@@ -268,10 +271,16 @@ def export(fmi: str, out: Path, parameters: Path | None) -> None:
         )
 
 
+cli.add_command(inspect)
+cli.add_command(check)
+
+
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command with `arguments`, by default those of the process, and exit."""
     try:
         cli(args=arguments, prog_name="wheelset", standalone_mode=False)
+    except InputError as error:
+        _refuse(error)
     except click.UsageError as error:
         error.show()
         sys.exit(2)
