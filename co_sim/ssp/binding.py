@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
     from co_sim.component import Scalar
     from co_sim.fmu_parameters import Value
-    from co_sim.ssp.elements import Element, Parameter, Transformation, Values
-    from co_sim.ssp.network import Edge, Fmu, Network, Path
+    from co_sim.ssp.elements import Element, Parameter, Path, Transformation, Values
+    from co_sim.ssp.fmus import Fmu
+    from co_sim.ssp.network import Edge, Network
 
 __all__ = ["Bound", "bind"]
 

@@ -23,11 +23,15 @@ __all__ = [
     "Mapped",
     "Measure",
     "Parameter",
+    "Path",
     "Reference",
     "SystemElement",
     "Transformation",
     "Wire",
 ]
+
+#: Of an element: the names from the root system, whose own path is empty, down to it.
+Path = tuple[str, ...]
 
 #: Values of one parameter: a scalar has one.
 Values = tuple[float | int | bool | str, ...]
@@ -147,7 +151,7 @@ class SystemElement(Element):
     wires: list[Wire] = field(default_factory=list)
     dictionaries: dict[str, dict[str, Measure | None]] = field(default_factory=dict)
 
-    def components(self, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Component]]:
+    def components(self, path: Path = ()) -> Iterator[tuple[Path, Component]]:
         """Return all components with their paths, in the order of the document."""
         for name, element in self.elements.items():
             if isinstance(element, SystemElement):

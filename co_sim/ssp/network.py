@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 from co_sim.errors import suggestion
-from co_sim.fmi_description import read_description
-from co_sim.fmu_variables import attribute
-from co_sim.fmu_variables import units_of as units_of_fmu
 from co_sim.ssp.chain import Chain, MismatchError
 from co_sim.ssp.elements import Component, Linear, Measure, Reference, SystemElement
 from co_sim.units import UnknownUnitError, define
@@ -18,13 +15,11 @@ from co_sim.units import UnknownUnitError, define
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from fmpy.model_description import ModelVariable
+    from co_sim.ssp.document import Node
+    from co_sim.ssp.elements import Element, End, Path, Wire
+    from co_sim.ssp.fmus import Fmu
 
-    from co_sim.ssp.elements import Element, End, Wire
-    from co_sim.ssp.sources import PackedFile
-    from co_sim.units import Unit
-
-__all__ = ["GIVING", "Edge", "Fmu", "Network", "Pin", "Route", "element_of", "name_of"]
+__all__ = ["GIVING", "Edge", "Network", "Pin", "Route"]
 
 #: Kinds of connectors whose values come out of an element; those of a system's own go out of it.
 GIVING = frozenset({"output", "calculatedParameter", "constant", "local", "independent"})
@@ -32,18 +27,6 @@ _TAKING = frozenset({"input", "parameter", "structuralParameter"})
 _PARAMETERS = frozenset({"parameter", "structuralParameter"})
 #: A unit that a connector has when its tool knows none.
 _NO_UNIT = frozenset({"1", "-"})
-
-Path = tuple[str, ...]
-
-
-def name_of(path: Path) -> str:
-    """Return the name of a component: its path with slashes. Dots are for ports, and written ``%2E`` here."""
-    return "/".join(path).replace(".", "%2E")
-
-
-def element_of(name: str) -> str:
-    """Return the name of an element for a component: the inverse of `name_of` for a flat system."""
-    return name.replace("%2E", ".")
 
 
 class Pin(NamedTuple):
@@ -70,27 +53,6 @@ class Route(NamedTuple):
     source_index: str
     target_index: str
     edges: tuple[Edge, ...]
-
-
-@dataclass(frozen=True)
-class Fmu:
-    """What is known of the variables of an FMU."""
-
-    variables: Mapping[str, ModelVariable]
-    units: Mapping[str, Unit]
-
-    @classmethod
-    def read(cls, file: PackedFile) -> Fmu:
-        """Read the description of an FMU."""
-        description = read_description(file.path)
-        return cls(
-            {variable.name: variable for variable in description.modelVariables}, units_of_fmu(description)
-        )
-
-    def measure(self, name: str) -> Measure | None:
-        """Return the unit of a variable, where the FMU tells it."""
-        unit = attribute(self.variables[name], "unit") if name in self.variables else None
-        return None if not unit else Measure(unit, self.units.get(unit))
 
 
 @dataclass
@@ -134,8 +96,20 @@ class Network:
         element = self.elements.get(pin.path, self.root)
         if pin.name in element.connectors:
             return element.connectors[pin.name].kind
-        variable = self.fmus[pin.path].variables.get(pin.name) if pin.path in self.fmus else None
-        return variable.causality if variable else ""
+        is_variable = pin.path in self.fmus and pin.name in self.fmus[pin.path].variables
+        return self.causality(pin) if is_variable else ""
+
+    def knows(self, pin: Pin, node: Node) -> bool:
+        """Tell whether an FMU has the variable of a connector, and note a fault where not."""
+        variables = self.fmus[pin.path].variables
+        if pin.name not in variables:
+            known = suggestion(pin.name, variables)
+            node.fault(f'a connector "{pin.name}" that the FMU does not have', "one of its variables", known)
+        return pin.name in variables
+
+    def causality(self, pin: Pin) -> str:
+        """Return the causality of a variable of an FMU."""
+        return cast("str", self.fmus[pin.path].variables[pin.name].causality)
 
     def port_measure(self, pin: Pin) -> Measure | None:
         """Return the unit of a variable of an FMU; the connector for it may add what the FMU leaves open."""

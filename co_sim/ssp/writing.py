@@ -15,7 +15,8 @@ from co_sim.files import whole_file
 from co_sim.fmu import FmuComponent
 from co_sim.model_exchange import ExchangeFmu
 from co_sim.ssp.document import NAMESPACES
-from co_sim.ssp.network import GIVING, element_of
+from co_sim.ssp.fmus import element_of
+from co_sim.ssp.network import GIVING
 from co_sim.ssp.notes import write_notes, write_ports
 from co_sim.ssp.value_types import parameter_type, port_type, write_value
 from co_sim.units import Unit, UnknownUnitError, define

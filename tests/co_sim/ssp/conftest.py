@@ -93,6 +93,7 @@ UNITS = """<ssd:Units>
 <ssc:Unit name="mV"><ssc:BaseUnit kg="1" m="2" s="-3" A="-1" factor="0.001"/></ssc:Unit>
 <ssc:Unit name="shifted"><ssc:BaseUnit kg="1" m="2" s="-3" A="-1" offset="5"/></ssc:Unit>
 <ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>
+<ssc:Unit name="ell"><ssc:BaseUnit m="1" factor="0.5"/></ssc:Unit>
 </ssd:Units>"""
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from co_sim import Constant, ExchangeFmu, FmuComponent, InputError, Master, Port, Recorder, System
-from co_sim.ssp import open_ssp, read_ssp
+from co_sim.ssp import open_ssp, read_ssp, schema_faults
+from fmu_wheelset import path as wheelset
 
 from .conftest import (
     NAMESPACES,
@@ -126,10 +127,8 @@ def test_interface_types(pack, parrots):
 
 
 def test_model_exchange(pack):
-    import fmu_wheelset
-
     body = component("w", source="resources/w.fmu", attributes='implementation="ModelExchange"')
-    fmu = fmu_wheelset.path().read_bytes()
+    fmu = wheelset().read_bytes()
     assert type(read_ssp(pack(ssd(system(body)), {"resources/w.fmu": fmu})).components["w"]) is ExchangeFmu
 
 
@@ -158,7 +157,9 @@ def test_elements_of_arrays_through_a_system(pack):
         name="inner",
         before=connectors("all:input"),
     )
-    whole = read_ssp(pack(ssd(system(component("a", source=parrot) + inner, wire("a.a_out", "inner.all")))))
+    whole = read_ssp(
+        pack(ssd(system(component("a", source=parrot) + inner, wire("a.a_out", "inner.all")), version="2.0"))
+    )
     assert {name for name, *_ in ends(whole)} == {
         "a.a_out -> inner/b.a_in",
         "a.a_out[2,1] -> inner/b.float64_in",
@@ -166,7 +167,7 @@ def test_elements_of_arrays_through_a_system(pack):
     pieces = wire("a.float64_out", "inner.all", attributes='endIndices="2 1"') + wire(
         "a.sum", "inner.all", attributes='endIndices="1 1"'
     )
-    found = read_ssp(pack(ssd(system(component("a", source=parrot) + inner, pieces))))
+    found = read_ssp(pack(ssd(system(component("a", source=parrot) + inner, pieces), version="2.0")))
     assert {name for name, *_ in ends(found)} == {
         "a.float64_out -> inner/b.a_in[2,1]",
         "a.float64_out -> inner/b.float64_in",
@@ -212,3 +213,51 @@ def test_the_step_is_that_of_the_fmus(pack, lag_fmus, tmp_path):
     found = open_ssp(pack(ssd(system(both)), {"resources/quick.fmu": path.read_bytes()}))
     assert found.system.step == 0.02
     assert (found.start_time, found.stop_time) == (None, None)
+
+
+def test_what_other_tools_write_besides(pack):
+    """Geometry, annotations, metadata, notes, empty attributes and names of units of their own."""
+    geometry = '<ssd:ElementGeometry x1="0" y1="0" x2="1" y2="1" iconSource="resources/icon.svg"/>'
+    annotation = (
+        '<ssd:Annotations><ssc:Annotation type="com.example"><x:y xmlns:x="urn:x"/></ssc:Annotation>'
+        "</ssd:Annotations>"
+    )
+    meta = '<ssc:MetaData kind="general" type="text/plain"><ssc:Content>words</ssc:Content></ssc:MetaData>'
+    torque = (
+        '<ssd:Connectors><ssd:Connector name="{}" kind="{}" description=""><ssc:Real unit="{}"/>'
+        '<ssd:ConnectorGeometry x="0" y="0.5" systemInnerX="1" systemInnerY="2"/>'
+        "</ssd:Connector></ssd:Connectors>"
+    )
+    empty = bindings(inline(attributes='prefix=""'))
+    inner = system(
+        component("wheel", torque.format("traction_torque", "input", "Nm") + geometry, "resources/w.fmu"),
+        wire(
+            ".T",
+            "wheel.traction_torque",
+            '<ssd:ConnectionGeometry pointsX="1 2" pointsY="3 4"/>' + annotation,
+            'suppressUnitConversion="false" description=""',
+        ),
+        name="drive",
+        before=torque.format("T", "input", "Nm") + geometry + empty,
+        after='<ssd:SystemGeometry x1="0" y1="0" x2="9" y2="9"/><ssd:GraphicalElements>'
+        '<ssd:Note x1="0" y1="0" x2="1" y2="1" text="a note"/></ssd:GraphicalElements>' + annotation,
+    )
+    source = component(
+        "motor", torque.format("axle_torque", "output", "N.m") + geometry + empty + meta, "resources/w.fmu"
+    )
+    whole = system(inner + source, wire("drive.T", "motor.axle_torque"), before=empty)
+    newton = (
+        '<ssc:Unit name="{}"><ssc:BaseUnit kg="1" m="2" s="-2" rad="0" factor="1.0" offset="0.0"/></ssc:Unit>'
+    )
+    units = f"<ssd:Units>{newton.format('Nm')}{newton.format('N.m')}</ssd:Units>"
+    times = '<ssd:DefaultExperiment stopTime="1.0">' + annotation + "</ssd:DefaultExperiment>"
+    path = pack(
+        ssd(whole, units + times + meta + annotation, version="2.0"),
+        {"resources/w.fmu": wheelset(fmi=3).read_bytes(), "extra/com.example/notes.txt": "x"},
+    )
+    assert schema_faults(path) == []
+    found = open_ssp(path)
+    assert ends(found.system) == plain("motor.axle_torque -> drive/wheel.traction_torque")
+    assert (found.start_time, found.stop_time) == (None, 1.0)
+    with Master(replace(found.system, step=1e-3)) as master:
+        master.run(0.01)

@@ -1,5 +1,6 @@
 """Structures, connections and units of packages written by hand."""
 
+import os
 import tempfile
 import zipfile
 from collections import defaultdict
@@ -55,6 +56,12 @@ def test_archives_stay_unpacked_as_long_as_they_are_of_use(pack, tmp_path, monke
     assert len(list(folder.iterdir())) == 1
     parts.clear()
     assert not list(folder.iterdir())
+    # A process that has forked from this one leaves the folder to it.
+    monkeypatch.setattr(os, "getpid", lambda: 0)
+    found = read_ssp(pack(ssd(system(TWO))))
+    monkeypatch.undo()
+    del found
+    assert len(list(folder.iterdir())) == 1
 
 
 def test_what_may_be_left_out_may_be_left_out(pack):
@@ -138,9 +145,6 @@ def test_units_and_transformations(pack, start, end, attributes, inside, expecte
 
 def test_units_that_the_fmu_leaves_open(pack, parrots):
     parrot = "resources/the%20parrot.fmu"
-    units = UNITS.replace(
-        "</ssd:Units>", '<ssc:Unit name="ell"><ssc:BaseUnit m="1" factor="0.5"/></ssc:Unit></ssd:Units>'
-    )
     elements = component(
         "a", connectors("float64_out:output:ell", "sum:output", "float32_out:output"), parrot
     ) + component("b", connectors("a_in:input", "float64_in:input:m", "float32_in:input"), parrot)
@@ -149,7 +153,7 @@ def test_units_that_the_fmu_leaves_open(pack, parrots):
         + wire("a.sum", "b.float32_in")
         + wire("a.float32_out", "b.a_in", attributes='endIndices="1 1"')
     )
-    found = read_ssp(pack(ssd(system(elements, wires), units)))
+    found = read_ssp(pack(ssd(system(elements, wires), UNITS, version="2.0")))
     ports = {
         port.name: port
         for name in "ab"
@@ -173,13 +177,10 @@ def test_a_unit_that_only_the_description_defines(pack, parrots, tmp_path):
                 name, old.read(name).replace(b'name="m"', b'name="ell"').replace(b'unit="m"', b'unit="ell"')
             )
     data["resources/p.fmu"] = (tmp_path / "p.fmu").read_bytes()
-    units = UNITS.replace(
-        "</ssd:Units>", '<ssc:Unit name="ell"><ssc:BaseUnit m="1" factor="0.5"/></ssc:Unit></ssd:Units>'
-    )
     elements = component("a", connectors("sum:output:ell"), "resources/p.fmu") + component(
         "b", connectors("float64_in:input:m"), "resources/p.fmu"
     )
-    found = read_ssp(pack(ssd(system(elements, wire("a.sum", "b.float64_in")), units), data))
+    found = read_ssp(pack(ssd(system(elements, wire("a.sum", "b.float64_in")), UNITS), data))
     assert [link.gain for link in found.links()] == [0.5]
 
 

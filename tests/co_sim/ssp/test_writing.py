@@ -57,7 +57,7 @@ def two_wheelsets(**others):
     parts = {name.replace(".", "%2E"): part for name, part in parts.items()}
     front = "front%2Eone"
     wires = [
-        Connection(f"{front}.lateral_displacement", "bogie/rear.track_lateral_offset", -0.1, 1e-4),
+        Connection(f"{front}.lateral_displacement", "bogie/rear.track_lateral_offset", -0.1, 1e-4 / 3),
         Connection(
             f"{front}.lateral_velocity", "bogie/rear.suspension_lateral_force", 1e4 / 3, convert_units=False
         ),
@@ -229,12 +229,12 @@ def test_the_schema_finds_what_is_wrong(tmp_path, lag_fmus):
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_units_lose_no_digits(tmp_path, parrots, version):
-    """The factor from degrees to revolutions, which no document can hold exactly."""
+    """A revolution has 400 gon, but of the factors to rad none can be written exactly."""
     parts = {
         "a": FmuComponent(
-            parrots[2], inputs=[], outputs=["float64_out"], units={"float64_out": ("deg", None)}
+            parrots[2], inputs=[], outputs=["float64_out"], units={"float64_out": ("rev", None)}
         ),
-        "b": FmuComponent(parrots[2], inputs=["float64_in"], outputs=[], units={"float64_in": ("rev", None)}),
+        "b": FmuComponent(parrots[2], inputs=["float64_in"], outputs=[], units={"float64_in": ("gon", None)}),
     }
     system = System(parts, [Connection("a.float64_out", "b.float64_in", 3.0)])
     write_ssp(system, tmp_path / "x.ssp", version=version)
