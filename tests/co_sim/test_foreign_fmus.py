@@ -7,10 +7,12 @@ import time
 import warnings
 import zipfile
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+import fmu_wheelset
 from co_sim import (
     Connection,
     Constant,
@@ -310,3 +312,61 @@ def test_an_fmu_may_be_named_by_a_text_and_lie_in_a_folder_with_blanks(foreign):
     path = foreign(SPARSE, "ein FMU mit Leerzeichen ß")
     assert " " in str(Path(path).parent.name)
     assert len(response(FmuComponent(str(path)), "inputs[1]", "outputs[1]", unit="degC")) == 11
+
+
+def stripped(path, target):
+    """Copy an FMU without anything in its description that may be left out, under other names."""
+    gone = {"unit", "displayUnit", "quantity", "description", "generationTool", "generationDateAndTime"}
+    with zipfile.ZipFile(path) as source, zipfile.ZipFile(target, "w") as archive:
+        for item in source.infolist():
+            if item.filename.startswith("binaries/"):
+                archive.writestr(item, source.read(item))
+        root = ElementTree.fromstring(source.read("modelDescription.xml"))
+        for optional in ("UnitDefinitions", "LogCategories", "DefaultExperiment", "VendorAnnotations"):
+            for element in root.findall(optional):
+                root.remove(element)
+        structure = root.find("ModelStructure")
+        for element in (*structure.findall("InitialUnknowns"), *structure.findall("InitialUnknown")):
+            structure.remove(element)
+        for element in root.iter():
+            for name in gone & set(element.attrib):
+                del element.attrib[name]
+            for name in {"dependencies", "dependenciesKind"} & set(element.attrib):
+                del element.attrib[name]
+        for element in root.find("ModelVariables"):
+            if element.get("variability") == "continuous":
+                del element.attrib["variability"]
+            if element.get("causality") == "local":
+                del element.attrib["causality"]
+            element.set("name", odd(element.get("name")))
+        root.set("variableNamingConvention", "flat")
+        archive.writestr("modelDescription.xml", ElementTree.tostring(root, encoding="utf-8"))
+    return target
+
+
+def odd(name):
+    return f"Rad & Achse/{name} 'ü'"
+
+
+@pytest.mark.parametrize("kind", [FmuComponent, ExchangeFmu])
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_nothing_that_is_optional_is_needed(tmp_path, fmi, kind):
+    """The wheelset with a bare description makes the same motion to the bit."""
+    outputs = ["lateral_displacement", "yaw_rate", "left.creep_force_x"]
+    values = {"lateral_displacement": 2e-3, "drive_mode": "free_rolling", "k_w": 1e6}
+    runs = []
+    for path, name in (
+        (fmu_wheelset.path(fmi=fmi), str),
+        (stripped(fmu_wheelset.path(fmi=fmi), tmp_path / "bare.fmu"), odd),
+    ):
+        fmu = kind(
+            path, outputs=list(map(name, outputs)), parameters={name(key): v for key, v in values.items()}
+        )
+        recorder = Recorder()
+        with Master(System({"w": fmu}, step=1e-3), observers=[recorder]) as master:
+            master.run(0.05)
+        runs.append(recorder)
+    assert runs[1].names == tuple(f"w.{odd(name)}" for name in outputs)
+    assert set(runs[1].units) == {"1"}
+    np.testing.assert_array_equal(runs[0].table, runs[1].table)
+    assert np.ptp(runs[0].table[:, 0]) > 1e-5
