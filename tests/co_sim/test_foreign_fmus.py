@@ -26,6 +26,7 @@ from co_sim import (
     StepSizeWarning,
     System,
 )
+from co_sim.ssp import read_ssp, write_ssp
 
 T = 0.5
 
@@ -237,6 +238,27 @@ def test_the_variables_of_fmi_3_go_by_their_aliases_too(foreign):
     assert fmu.outputs[1].name == "x"
     deep = response(fmu, "sea.depth", "mean depth", value=3.0, unit="m")
     np.testing.assert_allclose(deep, exact(), atol=1e-12)
+
+
+def test_an_ssp_may_connect_by_aliases(foreign, tmp_path):
+    path = foreign(ALIASED)
+
+    def lag(inputs, outputs):
+        return FmuComponent(
+            path, inputs=inputs, outputs=outputs, parameters={"T": T, **dict.fromkeys(inputs, 3.0)}
+        )
+
+    parts = {"first": lag(["sea.depth"], ["mean depth"]), "then": lag(["u"], ["y[1]"])}
+    system = System(parts, [Connection("first.mean depth", "then.u")], step=0.1)
+    write_ssp(system, tmp_path / "aliases.ssp")
+    runs = []
+    for each in (system, read_ssp(tmp_path / "aliases.ssp")):
+        recorder = Recorder()
+        with Master(each, observers=[recorder]) as master:
+            master.run(1.0)
+        runs.append(recorder)
+    np.testing.assert_array_equal(runs[0]["then.y[1]"], runs[1]["then.y[1]"])
+    assert runs[1]["first.mean depth"][-1] == pytest.approx(exact()[-1])
 
 
 def test_units_that_a_description_defines_are_converted(foreign):
