@@ -19,7 +19,7 @@ from co_sim.errors import Fault, InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-__all__ = ["DEFAULT_LIMITS", "Limits", "archive_faults", "contents", "read_entry", "safe_extract"]
+__all__ = ["DEFAULT_LIMITS", "Limits", "contents", "damage", "read_entry", "safe_extract"]
 
 _CHUNK = 1 << 20
 #: FMI and SSP allow no other methods.
@@ -68,15 +68,6 @@ def contents(path: Path, limits: Limits = DEFAULT_LIMITS) -> dict[str, zipfile.Z
         return entries
 
 
-def archive_faults(path: Path, limits: Limits = DEFAULT_LIMITS) -> Sequence[Fault]:
-    """Find everything in the table of contents of an archive for which it is refused."""
-    try:
-        contents(path, limits)
-    except InputError as error:
-        return error.faults
-    return ()
-
-
 def read_entry(path: Path, name: str, limits: Limits = DEFAULT_LIMITS) -> bytes:
     """Return a document in an archive.
 
@@ -104,6 +95,24 @@ def read_entry(path: Path, name: str, limits: Limits = DEFAULT_LIMITS) -> bytes:
             )
         with _told(path, name):
             return archive.read(entries[name])
+
+
+def damage(path: Path, limits: Limits = DEFAULT_LIMITS) -> Iterator[Fault]:
+    """Unpack every entry of an archive into nowhere, and find those that cannot be unpacked.
+
+    Raises
+    ------
+    InputError
+        If the archive as a whole is refused.
+    """
+    with _opened(path, limits) as (archive, entries):
+        for name, entry in entries.items():
+            try:
+                with _told(path, name), archive.open(entry) as source:
+                    while source.read(_CHUNK):
+                        pass
+            except InputError as error:
+                yield from error.faults
 
 
 def safe_extract(path: Path, folder: Path | str, limits: Limits = DEFAULT_LIMITS) -> None:

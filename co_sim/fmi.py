@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     _References = NDArray[np.uint32]
 
-__all__ = ["FmuError", "Slave", "require_library", "slave_type"]
+__all__ = ["FmuError", "Slave", "platforms_of", "require_library", "slave_type", "this_platform"]
 
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _OK, _WARNING, _ERROR, _FATAL, _PENDING = 0, 1, 3, 4, 5
@@ -409,11 +409,23 @@ def slave_type(path: Path, description: ModelDescription) -> type[Slave]:
     return version
 
 
+def platforms_of(names: Iterable[str]) -> list[str]:
+    """Return the platforms that an archive of these entries has libraries for."""
+    return sorted(
+        {name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1}
+    )
+
+
+def this_platform(version: int) -> str:
+    """Return the name that a version of FMI has for this platform."""
+    return cast("str", fmpy.platform if version == 2 else fmpy.platform_tuple)
+
+
 def require_library(path: Path, library: str) -> None:
     """Refuse an FMU without the library for this platform."""
     contained = contents(path)
     if library not in contained:
-        platforms = sorted({name.split("/")[1] for name in contained if name.startswith("binaries/")})
+        platforms = platforms_of(contained)
         has_sources = any(name.startswith("sources/") and name.endswith(".c") for name in contained)
         others = f" but for {', '.join(platforms)}" if platforms else ""
         raise InputError(

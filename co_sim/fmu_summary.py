@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-import fmpy
-
 from co_sim.archives import contents
 from co_sim.errors import InputError
 from co_sim.exchange_model import model_type
-from co_sim.fmi import slave_type
+from co_sim.fmi import platforms_of, slave_type
 from co_sim.fmi_description import read_description
 from co_sim.fmu_variables import attribute, kind_of, shape_of
 
@@ -134,7 +132,6 @@ def summarise(path: Path) -> FmuSummary:
     """
     description = read_description(path)
     names = contents(path)
-    found = {name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1}
     return FmuSummary(
         path=str(path),
         model=description.modelName or "",
@@ -144,7 +141,7 @@ def summarise(path: Path) -> FmuSummary:
         author=description.author or "",
         version=description.version or "",
         interfaces=tuple(_interfaces(path, description)),
-        platforms=tuple(sorted(found)),
+        platforms=tuple(platforms_of(names)),
         has_sources=any(name.startswith("sources/") for name in names),
         n_states=description.numberOfContinuousStates,
         n_event_indicators=description.numberOfEventIndicators,
@@ -200,8 +197,3 @@ def _quantity(variable: ModelVariable) -> Quantity:
         maximum=attribute(variable, "max"),
         literals=literals,
     )
-
-
-def this_platform(summary: FmuSummary) -> str:
-    """Return the name that the FMU's version of FMI has for this platform."""
-    return str(fmpy.platform if summary.fmi_version.startswith("2") else fmpy.platform_tuple)

@@ -9,7 +9,8 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from co_sim.fmu_summary import CAPABILITIES, this_platform
+from co_sim.fmi import this_platform
+from co_sim.fmu_summary import CAPABILITIES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -103,7 +104,7 @@ def _head(summary: FmuSummary) -> RenderableType:
 
 
 def _platforms(summary: FmuSummary) -> str:
-    here = this_platform(summary)
+    here = this_platform(int(summary.fmi_version[0]))
     found = [f"{name} (this machine)" if name == here else name for name in summary.platforms]
     return ", ".join([*found, *(["sources"] if summary.has_sources else [])]) or "none"
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import fmpy
 from fmpy import fmi2, fmi3
 
-from co_sim.archives import contents, read_entry
+from co_sim.archives import DEFAULT_LIMITS, contents, read_entry
 from co_sim.checking.findings import Finding
 from co_sim.checking.shared_library import missing_here, read_library
+from co_sim.errors import InputError
+from co_sim.fmi import platforms_of, this_platform
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -19,11 +21,13 @@ if TYPE_CHECKING:
     from co_sim.checking.shared_library import SharedLibrary
     from co_sim.fmu_elements import Declaration
 
-__all__ = ["FMI2_PLATFORMS", "binary_findings", "platforms"]
+__all__ = ["binary_findings"]
 
 _TOPIC = "libraries"
+#: Libraries are bigger than documents.
+_LIMITS = replace(DEFAULT_LIMITS, document=DEFAULT_LIMITS.size)
 #: Ending of a library, file format and processors of the folders of FMI 2.
-FMI2_PLATFORMS = {
+_PLATFORMS_2 = {
     "win32": (".dll", "PE", "X86"),
     "win64": (".dll", "PE", "X86_64"),
     "linux32": (".so", "ELF", "X86"),
@@ -42,13 +46,6 @@ _STEPS_3 = {"InstantiateCoSimulation", "EnterStepMode", "GetOutputDerivatives", 
 _SCHEDULED_3 = {"InstantiateScheduledExecution", "ActivateModelPartition"}
 
 
-def platforms(names: Mapping[str, object]) -> list[str]:
-    """Return the platforms for which an archive has libraries, by the names of its folders."""
-    return sorted(
-        {name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1}
-    )
-
-
 def binary_findings(path: Path, declaration: Declaration) -> Iterator[Finding]:
     """Find what is wrong with the libraries of an FMU.
 
@@ -58,8 +55,7 @@ def binary_findings(path: Path, declaration: Declaration) -> Iterator[Finding]:
     declaration : its model description.
     """
     names = contents(path)
-    found = platforms(names)
-    here = fmpy.platform if declaration.version == 2 else fmpy.platform_tuple
+    found, here = platforms_of(names), this_platform(declaration.version)
     if here not in found:
         yield Finding("warning", _TOPIC, "binaries/", _not_here(names, found, here))
     wanted: defaultdict[str, list[str]] = defaultdict(list)
@@ -68,7 +64,7 @@ def binary_findings(path: Path, declaration: Declaration) -> Iterator[Finding]:
         if element.get("needsExecutionTool") in {"true", "1"}:
             tool = declaration.root.get("generationTool") or "the tool that exported it"
             message = (
-                f"runs where {tool} is installed only (needsExecutionTool), with its licence if it has one"
+                f"needs {tool} to be installed, and licensed where it asks for that (needsExecutionTool)"
             )
             yield Finding("warning", _TOPIC, kind, message)
     for platform in found:
@@ -81,7 +77,7 @@ def binary_findings(path: Path, declaration: Declaration) -> Iterator[Finding]:
             if name not in names:
                 yield Finding("error", _TOPIC, name, f"is missing; {' and '.join(kinds)} needs it")
                 continue
-            library = read_library(read_entry(path, name))
+            library = _read(path, name)
             if library is None:
                 yield Finding("error", _TOPIC, name, "is no shared library that can be read")
                 continue
@@ -89,6 +85,13 @@ def binary_findings(path: Path, declaration: Declaration) -> Iterator[Finding]:
             if platform == here:
                 for missing in missing_here(library, name, names):
                     yield Finding("error", _TOPIC, name, missing)
+
+
+def _read(path: Path, name: str) -> SharedLibrary | None:
+    try:
+        return read_library(read_entry(path, name, _LIMITS))
+    except InputError:  # told with the damage of the archive
+        return None
 
 
 def _not_here(names: Mapping[str, object], found: list[str], here: str) -> str:
@@ -101,8 +104,8 @@ def _not_here(names: Mapping[str, object], found: list[str], here: str) -> str:
 
 def _expected(platform: str) -> tuple[str, str, str] | None:
     """Return the ending, format and processor of libraries in a folder; ``None`` if it is not known."""
-    if platform in FMI2_PLATFORMS:
-        return FMI2_PLATFORMS[platform]
+    if platform in _PLATFORMS_2:
+        return _PLATFORMS_2[platform]
     architecture, _, system = platform.partition("-")
     ending, form = _SYSTEMS.get(system.split("-")[0], ("", ""))
     return (ending, form, _ARCHITECTURES.get(architecture, "")) if ending else None

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from co_sim.archives import DEFAULT_LIMITS, contents, read_entry
+from co_sim.archives import DEFAULT_LIMITS, contents, damage, read_entry
 from co_sim.checking.binaries import binary_findings
 from co_sim.checking.findings import Finding, Report, from_fault
 from co_sim.checking.structure import structure_findings
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from lxml.etree import _Element
 
     from co_sim.archives import Limits
+    from co_sim.errors import Fault
 
 __all__ = ["check_fmu"]
 
@@ -57,6 +59,8 @@ def _findings(path: Path, limits: Limits, timeout: float | None) -> Iterator[Fin
     except InputError as error:
         yield from (from_fault(fault, "archive", str(path)) for fault in error.faults)
         return
+    for fault in damage(path, limits):
+        yield from_fault(fault, "archive", str(path))
     try:
         root = parse(read_entry(path, DESCRIPTION, limits), what)
         schema = description_schema(root, what)
@@ -77,8 +81,7 @@ def _findings(path: Path, limits: Limits, timeout: float | None) -> Iterator[Fin
 
 
 def _schema(root: _Element, schema: Path, what: str) -> Iterator[Finding]:
-    for fault in schema_faults(root, schema, what):
-        yield from_fault(fault, "schema", what)
+    yield from (_violation(fault, what) for fault in schema_faults(root, schema, what))
 
 
 def _document(path: Path, name: str, limits: Limits) -> Iterator[Finding]:
@@ -89,8 +92,13 @@ def _document(path: Path, name: str, limits: Limits) -> Iterator[Finding]:
         yield from (from_fault(fault, "schema", str(path)) for fault in error.faults)
         return
     schema = schema_folder(3) / _DOCUMENTS.get(name, "fmi3LayeredStandardManifest.xsd")
-    for fault in schema_faults(root, schema, what):
-        yield from_fault(fault, "schema", str(path))
+    yield from (_violation(fault, str(path)) for fault in schema_faults(root, schema, what))
+
+
+def _violation(fault: Fault, what: str) -> Finding:
+    """Return a fault by the schema, whose message says already what was expected."""
+    finding = from_fault(fault, "schema", what)
+    return replace(finding, message=fault.got)
 
 
 def _declared(path: Path, root: _Element, what: str) -> Iterator[Finding]:
@@ -103,13 +111,14 @@ def _declared(path: Path, root: _Element, what: str) -> Iterator[Finding]:
 
 
 def _trials(path: Path, timeout: float) -> Iterator[Finding]:
-    """Run each interface type that can be run here; why another cannot is told before."""
+    """Run each interface type that can be run here."""
     from co_sim.exchange_model import model_type
     from co_sim.fmi import slave_type
 
     try:
         description = read_description(path)
     except InputError:
+        yield Finding("note", "short run", "", "left out: a run would refuse the description")
         return
     for kind, interface, adapter in (
         ("CoSimulation", description.coSimulation, slave_type),
@@ -119,6 +128,7 @@ def _trials(path: Path, timeout: float) -> Iterator[Finding]:
             continue
         try:
             adapter(path, description)
-        except InputError:
+        except InputError as error:
+            yield Finding("note", "short run", kind, f"left out: {error.faults[0].got}")
             continue
         yield from trial_findings(path, kind, timeout)

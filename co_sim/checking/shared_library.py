@@ -47,8 +47,15 @@ class SharedLibrary:
 
 
 def read_library(data: bytes) -> SharedLibrary | None:
-    """Return what the bytes of a file tell; ``None`` if they are no shared library."""
+    """Return what the bytes of a file tell; ``None`` if they are no shared library or a damaged one."""
     lief.logging.disable()
+    try:
+        return _read(data)
+    except Exception:  # names that are no text, offsets that lead nowhere: lief raises what comes to it
+        return None
+
+
+def _read(data: bytes) -> SharedLibrary | None:
     if lief.is_macho(list(data[:4096])):
         fat = lief.MachO.parse(list(data))
         return _joined(list(fat)) if fat is not None and len(fat) else None
@@ -57,14 +64,16 @@ def read_library(data: bytes) -> SharedLibrary | None:
         return None
     binary: Any = parsed
     if isinstance(parsed, lief.PE.Binary):
-        return SharedLibrary("PE", _machines([binary]), _exports([binary]), tuple(binary.libraries))
+        return SharedLibrary(
+            "PE", _machines([binary]), _exports([binary]), tuple(map(_name, binary.libraries))
+        )
     paths = [entry for entry in binary.dynamic_entries if isinstance(entry, _SEARCH)]
     return SharedLibrary(
         "ELF",
         _machines([binary]),
         _exports([binary]),
-        tuple(binary.libraries),
-        tuple(folder for entry in paths for folder in entry.paths),
+        tuple(map(_name, binary.libraries)),
+        tuple(_name(folder) for entry in paths for folder in entry.paths),
         max(_glibc_versions(binary), default=None),
     )
 
@@ -84,7 +93,7 @@ def missing_here(library: SharedLibrary, path: str, archive: Collection[str]) ->
     folders = [posixpath.normpath(re.sub(r"\$(ORIGIN|\{ORIGIN\})", own, f)) for f in library.search]
     for name in library.needs:
         bundled = any(posixpath.join(folder, name) in archive for folder in folders)
-        if bundled or any(Path(folder, name).is_file() for folder in _system_folders()):
+        if bundled or any(_is_file(folder, name) for folder in _system_folders()):
             continue
         if name not in _loader_cache():
             lying = posixpath.join(own, name) in archive
@@ -97,7 +106,7 @@ def missing_here(library: SharedLibrary, path: str, archive: Collection[str]) ->
 
 def _joined(binaries: list[Any]) -> SharedLibrary:
     """Return a universal library, of which the parts for all processors have to offer a function."""
-    needs = tuple(library.name for library in binaries[0].libraries)
+    needs = tuple(_name(library.name) for library in binaries[0].libraries)
     exports = frozenset(name.removeprefix("_") for name in _exports(binaries))
     return SharedLibrary("MACHO", _machines(binaries), exports, needs)
 
@@ -108,14 +117,26 @@ def _machines(binaries: list[Any]) -> frozenset[str]:
 
 def _exports(binaries: list[Any]) -> frozenset[str]:
     return frozenset.intersection(
-        *(frozenset(f.name for f in b.abstract.exported_functions) for b in binaries)
+        *(frozenset(_name(f.name) for f in b.abstract.exported_functions) for b in binaries)
     )
+
+
+def _name(name: str | bytes) -> str:
+    """Return a name as text; lief gives bytes where it is none."""
+    return name if isinstance(name, str) else name.decode(errors="replace")
+
+
+def _is_file(folder: str, name: str) -> bool:
+    try:
+        return Path(folder, name).is_file()
+    except OSError:  # a name that is too long
+        return False
 
 
 def _glibc_versions(binary: Any) -> Iterator[tuple[int, int]]:
     for requirement in binary.symbols_version_requirement:
         for symbol in requirement.get_auxiliary_symbols():
-            if found := _GLIBC.fullmatch(".".join(symbol.name.split(".")[:2])):
+            if found := _GLIBC.fullmatch(".".join(_name(symbol.name).split(".")[:2])):
                 yield int(found[1]), int(found[2])
 
 

@@ -9,7 +9,7 @@ from co_sim.checking.findings import Finding
 from co_sim.fmu_elements import FLOATS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator
 
     from co_sim.fmu_elements import Declaration, Unknown, Variable
 
@@ -25,8 +25,9 @@ def structure_findings(declaration: Declaration) -> Iterator[Finding]:
     """Find what is wrong with the model structure, and with derivatives of states."""
     yield from _complete(declaration)
     yield from _derivatives(declaration)
+    states = {declaration.state_of(v) for v in declaration.variables if v.get("derivative")}
     for unknown in declaration.unknowns:
-        yield from _dependencies(declaration, unknown)
+        yield from _dependencies(unknown, states)
 
 
 def _listed(declaration: Declaration, name: str) -> list[Variable]:
@@ -49,7 +50,7 @@ def _complete(declaration: Declaration) -> Iterator[Finding]:
 def _compare(
     name: str, severity: str, expected: Iterable[Variable], listed: Iterable[Variable]
 ) -> Iterator[Finding]:
-    expected, count = list(expected), Counter(listed)
+    expected, count = dict.fromkeys(expected), Counter(listed)
     for variable in expected:
         if variable not in count:
             yield _found(variable, f"is missing from the {name}s", severity)
@@ -92,7 +93,7 @@ def _derivatives(declaration: Declaration) -> Iterator[Finding]:
             yield _found(variable, "is a derivative that is not in the model structure", "warning")
 
 
-def _dependencies(declaration: Declaration, unknown: Unknown) -> Iterator[Finding]:
+def _dependencies(unknown: Unknown, states: Collection[Variable | None]) -> Iterator[Finding]:
     where = f"line {unknown.line}"
     name = f'{unknown.list} "{unknown.variable.name}"' if unknown.variable else unknown.list
     if unknown.kinds is not None:
@@ -107,10 +108,9 @@ def _dependencies(declaration: Declaration, unknown: Unknown) -> Iterator[Findin
             yield Finding("error", _TOPIC, where, f'{name} depends {n} times on "{variable.name}"')
     if unknown.list == "initial unknown":
         return
-    states = {id(declaration.state_of(v)) for v in declaration.variables if v.get("derivative")}
     for variable in known:
         discrete = variable.variability == "discrete"
-        if not (variable.causality in _KNOWN or id(variable) in states or discrete):
+        if not (variable.causality in _KNOWN or variable in states or discrete):
             message = f'{name} depends on "{variable.name}", which is neither an input nor a state'
             yield Finding("warning", _TOPIC, where, message)
 

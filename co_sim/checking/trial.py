@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,6 +23,8 @@ __all__ = ["trial_findings"]
 _TOPIC = "short run"
 #: Characters of what the FMU printed that are shown after a crash.
 _LAST_WORDS = 300
+#: Longest time for the start of Python and the import of its modules, s.
+_START = 120.0
 
 
 def trial_findings(path: Path, kind: str, timeout: float) -> Iterator[Finding]:
@@ -31,7 +34,7 @@ def trial_findings(path: Path, kind: str, timeout: float) -> Iterator[Finding]:
     ----------
     path : the FMU.
     kind : ``"CoSimulation"`` or ``"ModelExchange"``.
-    timeout : longest time for all of it, s.
+    timeout : longest time for all that the FMU does, s.
     """
     with TemporaryDirectory(prefix="trial_") as folder:
         told, printed = Path(folder, "told"), Path(folder, "printed")
@@ -48,15 +51,25 @@ def trial_findings(path: Path, kind: str, timeout: float) -> Iterator[Finding]:
                 env=os.environ | {"PYTHONPATH": modules},
             )
             try:
-                status: int | None = child.wait(timeout)
-            except subprocess.TimeoutExpired:
-                status = None
+                status = _wait(child, told, timeout)
             finally:
                 child.kill()
                 child.wait()
         lines = told.read_text(encoding="utf-8").splitlines() if told.exists() else []
         words = _last_words(printed)
     yield from _outcome(kind, lines, status, timeout, words)
+
+
+def _wait(child: subprocess.Popen[bytes], told: Path, timeout: float) -> int | None:
+    """Return the exit status; ``None`` after too long a time, in which Python's own start does not count."""
+    started = time.monotonic()
+    while not told.exists() and time.monotonic() - started < _START:
+        with suppress(subprocess.TimeoutExpired):
+            return child.wait(0.05)
+    try:
+        return child.wait(timeout)
+    except subprocess.TimeoutExpired:
+        return None
 
 
 def _outcome(

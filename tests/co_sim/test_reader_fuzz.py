@@ -1,5 +1,6 @@
 """Mutated archives and model descriptions: whatever is in them, the reader knows one exception."""
 
+import io
 import os
 import random
 import zipfile
@@ -11,18 +12,22 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lxml import etree
+from rich.console import Console
 
 import fmu_wheelset
 from co_sim import ExchangeFmu, FmuComponent, InputError
 from co_sim.archives import safe_extract
+from co_sim.checking import check_fmu
+from co_sim.fmu_summary import summarise
+from co_sim.tables import report_tables, summary_tables
 
 FOLDER = Path(__file__).parent
 #: To look further: WHEELSET_FUZZ_EXAMPLES=10000.
-EXAMPLES = int(os.environ.get("WHEELSET_FUZZ_EXAMPLES", "150"))
+EXAMPLES = int(os.environ.get("WHEELSET_FUZZ_EXAMPLES", "60"))
 BOUNDED = settings(
     max_examples=EXAMPLES,
     deadline=None,
-    derandomize=EXAMPLES == 150,
+    derandomize=EXAMPLES == 60,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 #: Values that each have broken some reader of numbers, names or lists.
@@ -63,6 +68,15 @@ def read(path):
     for component in (FmuComponent, ExchangeFmu):
         with suppress(InputError):
             component(path)
+    with suppress(InputError):
+        show(summary_tables(summarise(path), every=True))
+    show(report_tables(check_fmu(path, run=False)))
+
+
+def show(parts):
+    console = Console(file=io.StringIO(), width=80)
+    for part in parts:
+        console.print(part)
 
 
 def elements(root):
