@@ -5,7 +5,7 @@ from co_sim.component import Component, FunctionComponent, Port
 from co_sim.coupling import Coupling
 from co_sim.coupling_check import CouplingCheck, check_coupling
 from co_sim.errors import Fault, InputError, RunError
-from co_sim.fmu import FmuComponent
+from co_sim.fmu import FmuComponent, StepSizeWarning
 from co_sim.linear import LinearComponent
 from co_sim.linearize import Linearization, linearize
 from co_sim.master import CouplingWarning, Master
@@ -57,6 +57,7 @@ __all__ = [
     "RunError",
     "Signal",
     "Supervised",
+    "StepSizeWarning",
     "System",
     "TimeTable",
     "check_coupling",

@@ -83,14 +83,21 @@ class Slave(ABC):
     _arguments: ClassVar[Sequence[Any]]
 
     def __init__(self, description: ModelDescription, folder: str, name: str = "") -> None:
-        # fmpy leaves the working directory changed if the library cannot be loaded.
-        with _LOADING, chdir(Path.cwd()):
-            self._fmu = self.fmpy_class(
-                guid=description.guid,
-                modelIdentifier=self.interface(description).modelIdentifier,
-                unzipDirectory=folder,
-                instanceName=name or None,
-            )
+        interface = self.interface(description)
+        #: What the FMU needs besides its library, for the words of an error.
+        self._needs = _needs(interface, description)
+        try:
+            # fmpy leaves the working directory changed if the library cannot be loaded.
+            with _LOADING, chdir(Path.cwd()):
+                self._fmu = self.fmpy_class(
+                    guid=description.guid,
+                    modelIdentifier=interface.modelIdentifier,
+                    unzipDirectory=folder,
+                    instanceName=name or None,
+                )
+        except Exception as error:
+            reason = str(error).replace(folder, "")
+            raise FmuError(f"its library cannot be loaded: {reason}{self._needs}") from error
         self._log = _Log(self._fmu.instanceName)
         self._worst = 0
         self._states: set[int] = set()
@@ -136,7 +143,7 @@ class Slave(ABC):
             with self._telling("Instantiate"):
                 self._instantiate()
         except Exception as error:
-            raise FmuError(f"{error}{self._last_words()}") from error
+            raise FmuError(f"{error}{self._last_words()}{self._needs}") from error
 
     @property
     def instance(self) -> int:
@@ -398,6 +405,14 @@ def _label(status: int) -> str:
     return _STATUS[status] if 0 <= status < len(_STATUS) else f"{status}, which is none of FMI"
 
 
+def _needs(interface: Any, description: ModelDescription) -> str:
+    """Return a hint for an FMU that only passes calls on to its tool."""
+    if not interface.needsExecutionTool:
+        return ""
+    tool = description.generationTool or "that which exported it"
+    return f"; it declares that it needs its tool on this machine ({tool})"
+
+
 def _text(message: bytes | None) -> str:
     return (message or b"").decode(errors="replace").strip()
 
@@ -412,11 +427,12 @@ def slave_type(path: Path, description: ModelDescription) -> type[Slave]:
     version = {2: _Slave2, 3: _Slave3}.get(description.fmiMajorVersion)
     if version is None or description.coSimulation is None:
         kind = "with" if description.coSimulation else "without"
+        integrable = version is not None and description.modelExchange is not None
         raise InputError(
             f"FMU {path}",
             got=f"FMI {description.fmiVersion} {kind} co-simulation",
             expected="FMI 2.0 or 3.0 for co-simulation",
-            remedy="export the model again for co-simulation",
+            remedy="use ExchangeFmu" if integrable else "export the model again for co-simulation",
         )
     require_library(path, version.library(description.coSimulation.modelIdentifier))
     return version

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import struct
+import warnings
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from math import prod
@@ -30,6 +31,7 @@ from co_sim.fmu_variables import (
     select,
     shape_of,
     units_of,
+    variables_of,
 )
 from co_sim.local_model import NotLinearizableError
 from co_sim.native import NativeComponent
@@ -47,11 +49,17 @@ if TYPE_CHECKING:
     from co_sim.native import NativeStep
     from co_sim.units import Unit
 
-__all__ = ["ContinuousState", "FmuComponent"]
+__all__ = ["ContinuousState", "FmuComponent", "StepSizeWarning"]
 
 #: Of a serialized state: whether the initialisation is over, and the lengths of the token of the FMU and of
 #: the binding's memory, which follow.
 _HEADER = struct.Struct("<?II")
+#: Part of a step by which decimal numbers may miss a multiple.
+_STEP_TOLERANCE = 1e-9
+
+
+class StepSizeWarning(UserWarning):
+    """A communication step that an FMU's own fixed steps do not fill: it gets to other times than asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +133,7 @@ class FmuComponent(NativeComponent):
         self._path = Path(path)
         self._description = read_description(self._path)
         self._slave_type = self._adapter()
-        self._variables = {variable.name: variable for variable in self._description.modelVariables}
+        self._variables = variables_of(self._description)
         name = self._path.name
         faults = [
             *port_faults(name, self._variables, inputs or (), "input"),
@@ -190,7 +198,14 @@ class FmuComponent(NativeComponent):
         self.inputs, self.outputs = self._ports()
 
     def start(self, t0: float, h: float) -> None:
-        """Unpack and load the FMU, set its parameters and enter initialisation mode."""
+        """Unpack and load the FMU, set its parameters and enter initialisation mode.
+
+        Warns
+        -----
+        StepSizeWarning
+            If `h` is no multiple of the fixed steps that the FMU says it makes inside (FMI 3).
+        """
+        self._compare_steps(h)
         alone = self._interface.canBeInstantiatedOnlyOncePerProcess
         folder = self._resources.enter_context(unpacked(self._path, alone=alone))
         slave = self._slave_type(self._description, folder, self.instance_name)
@@ -353,6 +368,19 @@ class FmuComponent(NativeComponent):
     def _interface(self) -> Any:
         """What the description says about the interface type that is used."""
         return self._slave_type.interface(self._description)
+
+    def _compare_steps(self, h: float) -> None:
+        own = getattr(self._interface, "fixedInternalStepSize", None)
+        if own is None or not float(own) > 0.0:
+            return
+        count = h / float(own)
+        if round(count) < 1 or abs(count - round(count)) > _STEP_TOLERANCE * count:
+            warnings.warn(
+                f"{self._path.name} makes fixed steps of {float(own):g} s inside, of which {h:g} s is no"
+                " multiple; choose the communication step, or the rate, accordingly",
+                StepSizeWarning,
+                stacklevel=2,
+            )
 
     def _adapter(self) -> type[Slave]:
         return slave_type(self._path, self._description)

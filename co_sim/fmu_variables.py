@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from math import prod
 from typing import TYPE_CHECKING, cast
@@ -35,6 +36,7 @@ __all__ = [
     "select",
     "shape_of",
     "units_of",
+    "variables_of",
 ]
 
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
@@ -57,6 +59,17 @@ _KINDS: dict[str, Kind] = {
 }
 
 
+def variables_of(description: ModelDescription) -> dict[str, ModelVariable]:
+    """Return all variables by name; those of FMI 3 also by their aliases, as variables of that name."""
+    variables = {variable.name: variable for variable in description.modelVariables}
+    for variable in description.modelVariables:
+        for alias in variable.aliases:
+            same = copy.copy(variable)
+            same.name, same.description, same.alias = alias.name, alias.description, variable
+            variables[alias.name] = same
+    return variables
+
+
 def kind_of(variable: ModelVariable) -> Kind | None:
     """Return the kind of a port for a variable; ``None`` for binaries and clocks."""
     return _KINDS.get(variable.type)
@@ -71,10 +84,11 @@ def shape_of(variable: ModelVariable, sizes: Sizes) -> tuple[int, ...]:
 
 
 def select(variables: Variables, names: Sequence[str] | None, causality: str) -> list[ModelVariable]:
-    """Return the named variables, or without names all that can be ports of this causality."""
+    """Return the named variables, or without names all that can be ports of this causality, not by alias."""
     if names is not None:
         return [variables[name] for name in names]
-    return [v for v in variables.values() if v.causality == causality and is_signal(v)]
+    own = (v for v in variables.values() if v.alias is None)
+    return [v for v in own if v.causality == causality and is_signal(v)]
 
 
 def port_of(variable: ModelVariable, sizes: Sizes, units: Units) -> Port:

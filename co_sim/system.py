@@ -331,7 +331,7 @@ def _unit_faults(what: str, source: Port, target: Port) -> Iterator[Fault]:
             what,
             f'"{canonical_unit(source.unit)}" into "{canonical_unit(target.unit)}"',
             "units of the same dimension at both ends",
-            "correct the unit of a port, or convert in a component between them",
+            "correct the unit of a port, or pass the bare number with convert_units=False",
         )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from co_sim.fmi_description import read_description
-from co_sim.fmu_variables import attribute
+from co_sim.fmu_variables import attribute, variables_of
 from co_sim.fmu_variables import units_of as units_of_fmu
 from co_sim.ssp.elements import Measure
 
@@ -54,7 +54,7 @@ class Fmu:
         description = read_description(file.path)
         offered = {"CoSimulation": description.coSimulation, "ModelExchange": description.modelExchange}
         return cls(
-            {variable.name: variable for variable in description.modelVariables},
+            variables_of(description),
             units_of_fmu(description),
             [name for name, interface in offered.items() if interface],
             float(getattr(description.defaultExperiment, "stepSize", None) or 0.0) or None,

@@ -99,13 +99,13 @@ def _kind(fmu: Fmu, item: Component) -> type[FmuComponent]:
 def _inputs(network: Network, path: Path, values: Mapping[str, Value], fed: Collection[Pin]) -> list[str]:
     variables = network.fmus[path].variables
     sizes = sizes_of(variables, values)
-    return [
-        variable.name
-        for variable in select(variables, None, "input")
-        if variable.name in values
-        or Pin(path, variable.name) in fed
-        or port_of(variable, sizes, {}).start is not None
-    ]
+    inputs = [v for v in variables.values() if v.causality == "input" and is_signal(v)]
+    named = [v for v in inputs if v.name in values or Pin(path, v.name) in fed]
+    # What is used by an alias needs no port under its own name.
+    used = {(v.type, v.valueReference) for v in named}
+    others = [v for v in select(variables, None, "input") if (v.type, v.valueReference) not in used]
+    chosen = {v.name for v in named} | {v.name for v in others if port_of(v, sizes, {}).start is not None}
+    return [name for name in variables if name in chosen]
 
 
 def _outputs(network: Network, path: Path, item: Component) -> list[str]:

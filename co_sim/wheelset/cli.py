@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from co_sim.component import Vector
     from co_sim.system import Signal
+    from co_sim.wheelset.bogie.choice import Choice
     from co_sim.wheelset.experiment import Laboratory
     from co_sim.wheelset.results import Experiment, Stretch
 
@@ -60,6 +61,7 @@ Examples:
   wheelset run
   wheelset run adhesion-drop --out drop
   wheelset run mine.toml --out mine --seed 7
+  wheelset run bogie
 
 \b
 Writes to DIR:
@@ -78,7 +80,13 @@ Writes to DIR:
 )
 @click.option("--seed", type=click.IntRange(min=0), help="Use this seed instead of the scenario's.")
 def run(scenario: str, out: Path | None, seed: int | None) -> None:
-    """Run SCENARIO: a packaged scenario by name (`default`, `adhesion-drop`) or a TOML file."""
+    """Run SCENARIO: a packaged scenario by name (`default`, `adhesion-drop`) or a TOML file.
+
+    `bogie` runs two wheelset FMUs under a frame of another exporter.
+    """
+    if scenario == "bogie":
+        _run_bogie(out or Path("results") / "bogie", seed)
+        return
     from co_sim.wheelset.experiment import Laboratory
     from co_sim.wheelset.output import check_folder, write
     from co_sim.wheelset.scenario_file import load_scenario
@@ -106,6 +114,39 @@ def run(scenario: str, out: Path | None, seed: int | None) -> None:
     for line in stopped:
         click.echo(f"stopped early, {line}", err=True)
     sys.exit(1 if stopped else 0)
+
+
+def _run_bogie(out: Path, seed: int | None) -> None:
+    from co_sim.wheelset.bogie.run import prepare
+    from co_sim.wheelset.output import check_folder
+
+    status = Console(stderr=True).status("Choosing step and algorithm")
+    try:
+        check_folder(out)
+        with status:
+            bogie = prepare(out, 1 if seed is None else seed)
+            click.echo(_choice_table(bogie.choice))
+            status.update("Running the bogie")
+            bogie.write_system(out)
+            bogie.write(bogie.simulate(out), out)
+    except InputError as error:
+        _refuse(error)
+    except RunError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(1)
+    click.echo(f"\n{out / 'report.html'} has the figures, {out / 'bogie.ssp'} the system for other tools")
+
+
+def _choice_table(choice: Choice) -> str:
+    """Return what was tried, and the check of what was chosen in full."""
+    lines = ["algorithm     order  step       largest error, of its range"]
+    for trial in choice.trials:
+        worst, coupling = trial.check.signals[0], trial.coupling
+        lines.append(
+            f"{coupling.algorithm:12}  {coupling.order:5}  {trial.check.step:g} s"
+            f"{worst.relative:10.2%}  {worst.name}"
+        )
+    return "\n".join([*lines, "", str(choice.chosen.check)])
 
 
 def _simulate(laboratory: Laboratory) -> Experiment:

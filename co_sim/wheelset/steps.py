@@ -62,9 +62,9 @@ def track_step(t: float, h: float, u: Vector, y: Vector, x: Vector, p: Vector) -
 
 @compiled
 def track_exchange(t: float, u: Vector, y: Vector, x: Vector, p: Vector) -> int:
-    """Write the start of the track: no offset, no distance."""
+    """Write the start of the track: no offset yet."""
     y[0] = 0.0
-    y[1] = 0.0
+    y[1] = x[0]
     return 0
 
 

@@ -255,41 +255,49 @@ def _read_row(where: str, line: str) -> tuple[float, float]:
 class TrackInput(CompiledComponent):
     """The track under a wheelset that starts at the first point of `profile`.
 
-    Input ``speed`` (m/s); outputs ``lateral_offset`` (m) and ``distance`` (m, run since the start).
+    Input ``speed`` (m/s); outputs ``lateral_offset`` (m) and ``distance`` (m, from the first point).
 
     The offset counts from the track's first point and is faded in over the first `ramp` metres with the
     polynomial of fifth degree that has no jump in value, slope or curvature. A constant offset is only a
     choice of origin, whereas fading it in would be a bend of its own, steeper than the track's. Behind the
-    start (a wheelset that rolls back) the track is straight.
+    start (a wheelset that rolls back, or one that begins further back) the track is straight.
 
     Parameters
     ----------
     profile : the track; `TrackProfile.require` tells before a run whether it is long enough.
     speed : value of the input when it is not connected, m/s; ``None`` requires a connection.
     ramp : length over which the offset is faded in, m; 0 switches the fade off.
+    behind : how far before the first point the wheelset starts, m: the distance at which it follows another
+        one, whose track it meets that much later.
 
     Raises
     ------
     InputError
-        If `ramp` is negative or not finite.
+        If `ramp` or `behind` is negative or not finite.
     """
 
-    def __init__(self, profile: TrackProfile, *, speed: float | None = None, ramp: float = 5.0) -> None:
+    def __init__(
+        self, profile: TrackProfile, *, speed: float | None = None, ramp: float = 5.0, behind: float = 0.0
+    ) -> None:
         from co_sim.wheelset.steps import track_exchange, track_step
 
-        if not (math.isfinite(ramp) and ramp >= 0.0):
-            raise InputError(
-                "track ramp", got=f"{ramp:g} m", expected="a finite length >= 0", remedy="5 m suits most runs"
-            )
+        for name, length, remedy in (
+            ("ramp", ramp, "5 m suits most runs"),
+            ("behind", behind, "count it backwards from the first point"),
+        ):
+            if not (math.isfinite(length) and length >= 0.0):
+                raise InputError(
+                    f"track {name}", got=f"{length:g} m", expected="a finite length >= 0", remedy=remedy
+                )
         super().__init__(
             track_step,
             exchange=track_exchange,
             inputs=[Port("speed", "m/s", speed, "forward speed")],
             outputs=[
                 Port("lateral_offset", "m", description="lateral offset of the track under the wheelset"),
-                Port("distance", "m", description="distance run since the start"),
+                Port("distance", "m", description="distance from the first point of the track"),
             ],
-            state=(0.0, 0.0, 0.0),
+            state=(0.0 - behind, 0.0, 0.0),
             prepare=self._pieces,
             feedthrough={},
         )

@@ -371,6 +371,34 @@ def test_track_behind_the_start_is_straight():
     np.testing.assert_allclose(offset, [0.0, 0.0, 0.0, 0.0, 0.01])
 
 
+@given(st.floats(0.0, 20.0), st.floats(0.0, 20.0))
+def test_a_wheelset_behind_meets_the_track_of_the_one_in_front_later(behind, ramp):
+    track = TrackProfile(np.arange(0.0, 60.0), 1e-3 * np.random.default_rng(5).standard_normal(60))
+    speeds = np.full(250, 20.0)
+    offset, distance = drive(TrackInput(track, ramp=ramp, behind=behind), speeds, h=0.01)
+    s = 0.2 * np.arange(1, 251) - behind
+    np.testing.assert_allclose(distance, s, rtol=0, atol=1e-13)
+    met = np.maximum(s, 0.0)
+    z = np.minimum(met / max(ramp, 1e-300), 1.0)
+    fade = z**3 * (10.0 - 15.0 * z + 6.0 * z**2)
+    expected = np.where(s > 0.0, fade * (track.offset_at(met) - track.offset[0]), 0.0)
+    np.testing.assert_allclose(offset, expected, rtol=0, atol=1e-14)
+
+
+def test_a_wheelset_behind_starts_there():
+    y = np.empty(2)
+    track = TrackInput(straight(10.0, slope=1.0), behind=2.5)
+    track.start(0.0, H)
+    track.exchange(np.array([20.0]), y)
+    np.testing.assert_array_equal(y, [0.0, -2.5])
+
+
+@pytest.mark.parametrize("behind", [-1.0, math.nan, math.inf])
+def test_a_faulty_distance_behind_is_refused(behind):
+    with pytest.raises(InputError, match="track behind"):
+        TrackInput(straight(10.0), behind=behind)
+
+
 def test_start_and_exchange_return_to_the_first_point():
     profile = synthesise(SPECTRUM, 100.0, np.random.default_rng(5))
     track = TrackInput(profile)
