@@ -17,6 +17,7 @@ from rich.table import Table
 
 from co_sim.cli_tools import check, inspect
 from co_sim.errors import InputError, RunError
+from co_sim.tool.simulate import simulate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -273,6 +274,7 @@ def export(fmi: str, out: Path, parameters: Path | None) -> None:
 
 cli.add_command(inspect)
 cli.add_command(check)
+cli.add_command(simulate)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
