@@ -6,11 +6,17 @@ disk must hold the texts.
 
 from __future__ import annotations
 
-__all__ = ["number_of", "text_of"]
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["listen", "number_of", "text_of"]
 
 #: The empty text is 0, so that a value that nobody has written yet is a text too.
 _TEXTS = [""]
 _NUMBERS = {"": 0}
+_LISTENERS: list[Callable[[str], None]] = []
 
 
 def number_of(text: str) -> float:
@@ -19,7 +25,16 @@ def number_of(text: str) -> float:
     if number is None:
         number = _NUMBERS[text] = len(_TEXTS)
         _TEXTS.append(text)
+        for listener in _LISTENERS:
+            listener(text)
     return float(number)
+
+
+def listen(listener: Callable[[str], None]) -> None:
+    """Tell `listener` all texts but the empty one in the order of their numbers, also those to come."""
+    for text in _TEXTS[1:]:
+        listener(text)
+    _LISTENERS.append(listener)
 
 
 def text_of(number: float) -> str:

@@ -2,13 +2,15 @@
 
 The rows of a run lie in segments that are used in turn. A segment begins with the history that links may
 read, a copy of the end of the segment before, and then has room for `length` steps. Where row `r` of a run
-lies follows from where its row 0 lies, so that a reader needs nobody to tell it, not even the living.
+lies follows from where its row 0 lies, so that a reader needs nobody to tell it, not even the living. Behind
+them is room for the texts that numbers in the rows stand for.
 """
 
 from __future__ import annotations
 
 import mmap
 import os
+import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -27,7 +29,10 @@ _SEGMENTS = 4
 #: The header: integers, then the name of a function.
 _INTEGERS, _NAME, _HEADER = 32, 128, 512
 #: Places of the integers behind those of the progress.
-_PUBLISHED, _CONSUMED, _SEGMENT, _ROW, _BEGIN, _STOP, _DATA, _RESIDENT = range(4, 12)
+_PUBLISHED, _CONSUMED, _SEGMENT, _ROW, _BEGIN, _STOP, _DATA, _RESIDENT, _TEXTS = range(4, 13)
+#: Room for all different texts that the signals of a run ever have, bytes.
+_TEXT_ROOM = 1 << 22
+_LENGTH = struct.Struct("<I")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,20 +42,21 @@ class Format:
     Parameters
     ----------
     history : rows that a segment has before those of its steps. width : signals. length : steps that a
-        segment has room for. prompt : whether observers wait for each block.
+        segment has room for. prompt : whether observers wait for each block. texts : bytes for texts.
     """
 
     history: int
     width: int
     length: int
     prompt: bool
+    texts: int = 0
 
     @classmethod
-    def of(cls, history: int, width: int, longest: int) -> Format:
-        """Return the sizes for blocks of at most `longest` steps."""
+    def of(cls, history: int, width: int, longest: int, *, texts: bool) -> Format:
+        """Return the sizes for blocks of at most `longest` steps, with or without texts among the signals."""
         prompt = longest < LONGEST_BLOCK
         room = max(BLOCK_VALUES // max(width, 1), 1)
-        return cls(history, width, min(room, longest) if prompt else room, prompt)
+        return cls(history, width, min(room, longest) if prompt else room, prompt, _TEXT_ROOM if texts else 0)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -60,6 +66,11 @@ class Format:
     @property
     def size(self) -> int:
         """Of the memory, bytes."""
+        return self.rows_end + self.texts
+
+    @property
+    def rows_end(self) -> int:
+        """Where the rows end, bytes."""
         return _HEADER + 8 * int(np.prod(self.shape))
 
 
@@ -93,8 +104,9 @@ class Board:
         self._memory = mmap.mmap(descriptor, sizes.size)
         self.integers: Integers = np.frombuffer(self._memory, dtype=np.int64, count=_INTEGERS)
         self.segments: np.ndarray[tuple[int, int, int], np.dtype[np.float64]] = np.frombuffer(
-            self._memory, dtype=np.float64, offset=_HEADER
+            self._memory, dtype=np.float64, offset=_HEADER, count=int(np.prod(sizes.shape))
         ).reshape(sizes.shape)
+        self._read_texts = 0
 
     def begin_run(self, segment: int, row: int, step: int) -> None:
         """Tell where row 0 of a run lies, and which step of the master it is."""
@@ -164,6 +176,36 @@ class Board:
     def tell_function(self, name: str) -> None:
         """Tell which function of an FMU is called."""
         self._memory[_HEADER - _NAME : _HEADER] = name.encode()[:_NAME].ljust(_NAME, b"\0")
+
+    def tell_text(self, text: str) -> None:
+        """Tell the next text, so that the supervisor knows what its number stands for.
+
+        Raises
+        ------
+        RuntimeError
+            If there have been too many.
+        """
+        data = text.encode()
+        begin = int(self.integers[_TEXTS])
+        end = begin + _LENGTH.size + len(data)
+        if end > self.sizes.texts:
+            raise RuntimeError(
+                f"more than {self.sizes.texts} bytes of different texts in one supervised run; "
+                "use Master for signals with ever new texts"
+            )
+        place = self.sizes.rows_end
+        self._memory[place + begin : place + end] = _LENGTH.pack(len(data)) + data
+        self.integers[_TEXTS] = end
+
+    def new_texts(self) -> Iterator[str]:
+        """Return the texts that were told since the last time, in the order of their numbers."""
+        end = int(self.integers[_TEXTS])
+        while self._read_texts < end:
+            place = self.sizes.rows_end + self._read_texts
+            (length,) = _LENGTH.unpack_from(self._memory, place)
+            place += _LENGTH.size
+            yield self._memory[place : place + length].decode()
+            self._read_texts += _LENGTH.size + length
 
     def rows(self, begin: int, end: int) -> Iterator[Matrix]:
         """Return the rows of the run from `begin` to `end` (excluded) in pieces."""

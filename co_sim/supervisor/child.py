@@ -25,6 +25,7 @@ from co_sim.supervisor.messages import Done, Ended, Full, Order, Packed, Rows, T
 from co_sim.supervisor.pickling import dumps
 from co_sim.supervisor.processes import memory_of
 from co_sim.table import PHASE, Phase
+from co_sim.texts import listen
 from co_sim.witness import Witness, set_witness
 
 if TYPE_CHECKING:
@@ -138,6 +139,8 @@ def _publisher(order: Order, connection: Connection[Any, Any], board: Board) -> 
     os.environ.update(order.environment)
     os.chdir(order.directory)
     arguments = pickle.loads(connection.recv_bytes())
+    if board.sizes.texts:
+        listen(board.tell_text)
     publisher = _Publisher(board, connection)
     table = partial(SharedTable, board, publisher.wait)
     publisher.master = Master(**arguments, observers=[publisher], table=table)

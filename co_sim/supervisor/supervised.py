@@ -24,6 +24,7 @@ from co_sim.supervisor.messages import Task
 from co_sim.supervisor.pickling import dumps
 from co_sim.supervisor.process import start_server
 from co_sim.supervisor.watchdog import Limits
+from co_sim.texts import number_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -105,7 +106,15 @@ class Supervised:
         self._arguments = {"system": system, "t0": t0, "compiled": compiled, "quiet": quiet}
         limits = Limits(timeout, start_timeout, dict(timeouts))
         layout = lay_out(system)
-        sizes = Format.of(layout.history, len(self.signals), longest_block(self.observers))
+        #: Columns of texts, and the numbers here of the texts that have been told there.
+        self._text_columns = np.flatnonzero([signal.kind == "string" for signal in self.signals])
+        self._text_numbers = [number_of("")]
+        sizes = Format.of(
+            layout.history,
+            len(self.signals),
+            longest_block(self.observers),
+            texts=self._text_columns.size > 0,
+        )
         crew = Crew.of(system, layout.parts)
         self._circumstances = Circumstances(crew, limits, self._time_of, sizes, memory_limit, echo)
         self._attention: Attention | None = None
@@ -243,10 +252,22 @@ class Supervised:
         times = np.arange(step, step + len(rows), dtype=np.float64)
         times *= self.h
         times += self.t0
+        if self._text_columns.size:
+            rows = self._translated(rows)
         self._values[:] = rows[-1]
         self.k = step + len(rows) - 1
         for observer in self.observers:
             observer.observe(first, times, rows)
+
+    def _translated(self, rows: Matrix) -> Matrix:
+        """Return a copy of rows with the numbers that texts have in this process."""
+        assert self._attention is not None
+        self._text_numbers += map(number_of, self._attention.board.new_texts())
+        rows = rows.copy()
+        there = rows[:, self._text_columns].astype(np.int64)
+        rows[:, self._text_columns] = np.array(self._text_numbers)[there]
+        rows.flags.writeable = False
+        return rows
 
     def _time_of(self, step: int) -> float:
         return self.t0 + step * self.h

@@ -35,6 +35,7 @@ from co_sim import (
 )
 from co_sim.compiled_component import compiled
 from co_sim.supervisor import Supervised
+from co_sim.texts import number_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -479,3 +480,26 @@ def test_a_server_that_was_killed_is_replaced(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "ResourceWarning" not in done.stderr
+
+
+def test_texts_arrive_though_their_numbers_differ():
+    """Each process numbers texts as it meets them; here one meets others first."""
+
+    def talk(t, u):
+        return [number_of(f"said at {t:.1f} s"), number_of("always")]
+
+    for i in range(50):
+        number_of(f"only the supervisor knows this, {i}")
+    ports = [Port("now", kind="string"), Port("always", kind="string")]
+    record = run(System({"a": FunctionComponent(talk, outputs=ports)}, step=0.1), 0.4)
+    assert list(record["a.now"]) == [f"said at {t:.1f} s" for t in (0.0, 0.1, 0.2, 0.3, 0.4)]
+    assert set(record["a.always"]) == {"always"}
+
+
+def test_too_many_different_texts_are_told():
+    def talk(t, u):
+        return [number_of(f"{t}" * 100_000)]
+
+    port = Port("now", kind="string")
+    with pytest.raises(RunError, match="bytes of different texts in one supervised run"):
+        run(System({"a": FunctionComponent(talk, outputs=[port])}, step=0.125), 100.0)
