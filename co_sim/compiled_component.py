@@ -19,7 +19,7 @@ from co_sim.array_functions import (
 from co_sim.component import StateError
 from co_sim.errors import Fault, InputError, suggestion
 from co_sim.native import TableComponent
-from co_sim.texts import number_of
+from co_sim.texts import as_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -127,7 +127,7 @@ class CompiledComponent(TableComponent):
         """Write the outputs at the start time: those of `exchange`, else the start values."""
         if self._exchange_function is None:
             starts = [value for port in self.outputs for value in port.starts or ()]
-            y[:] = [number_of(value) if isinstance(value, str) else value for value in starts]
+            y[:] = [as_number(value) for value in starts]
             return
         # Arrays of its own: numba tells read-only and strided arrays apart, and what is not written shows.
         outputs = np.full(y.size, np.nan)

@@ -8,10 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from co_sim.errors import InputError
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["whole_file"]
+__all__ = ["checked_path", "whole_file"]
 
 
 @contextmanager
@@ -32,3 +34,15 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def checked_path(path: str | os.PathLike[str]) -> Path:
+    """Return `path`; raise an `InputError` if no file of this name can be made."""
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise InputError(
+            f"{path}", got=f"no folder {path.parent}", expected="an existing folder", remedy="create it first"
+        )
+    if path.is_dir():
+        raise InputError(f"{path}", got="a folder", expected="a file", remedy="add the name of a file")
+    return path

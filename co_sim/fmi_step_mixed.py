@@ -17,7 +17,7 @@ from co_sim import fmi_table as at
 from co_sim.fmi_step import ENDING, do_step2, do_step3, failing, transfer2, transfer3
 from co_sim.native import STEP, caller, doubles_at, integers_at, pointer_to
 
-__all__ = ["get_row", "set_row", "step_mixed"]
+__all__ = ["get_all", "set_all", "step_mixed"]
 
 _LARGEST = float(finfo(float32).max)
 
@@ -120,7 +120,7 @@ def _transfer(table: Any, row: Any, action: int) -> int:
 
 
 @njit()
-def set_row(table: Any, row: Any, u: int) -> int:
+def _set(table: Any, row: Any, u: int) -> int:
     """Make a call that sets inputs."""
     code, address, positions = row[at.CODE], row[at.VALUES], integers_at(row[at.POSITIONS])
     for i in range(row[at.N_VALUES]):
@@ -134,7 +134,7 @@ def set_row(table: Any, row: Any, u: int) -> int:
 
 
 @njit()
-def get_row(table: Any, row: Any, y: int) -> int:
+def _get(table: Any, row: Any, y: int) -> int:
     """Make a call that gets outputs."""
     action = _transfer(table, row, at.GETTING)
     if action:
@@ -146,6 +146,32 @@ def get_row(table: Any, row: Any, y: int) -> int:
             table[at.ELEMENT], table[at.VALUE] = k, integers_at(address)[i]
             return at.UNFIT_OUTPUT
         doubles_at(y)[k] = _load(address, i, code)
+    return 0
+
+
+@njit()
+def set_all(data: int, u: int) -> int:
+    """Set all inputs."""
+    table = integers_at(data)
+    row = data + 8 * at.HEADER
+    for _ in range(table[at.N_SET]):
+        action = _set(table, integers_at(row), u)
+        if action:
+            return action
+        row += 8 * at.ROW
+    return 0
+
+
+@njit()
+def get_all(data: int, y: int) -> int:
+    """Get all outputs."""
+    table = integers_at(data)
+    row = data + 8 * (at.HEADER + at.ROW * table[at.N_SET])
+    for _ in range(table[at.N_GET]):
+        action = _get(table, integers_at(row), y)
+        if action:
+            return action
+        row += 8 * at.ROW
     return 0
 
 
@@ -193,12 +219,9 @@ def _advance(table: Any, t: float, h: float, data: int) -> int:
 def step_mixed(t: float, h: float, u: int, y: int, data: int) -> int:
     """Do a step of an instance of either version."""
     table = integers_at(data)
-    row = data + 8 * at.HEADER
-    for _ in range(table[at.N_SET]):
-        action = set_row(table, integers_at(row), u)
-        if action:
-            return action
-        row += 8 * at.ROW
+    action = set_all(data, u)
+    if action:
+        return action
     if table[at.N_SLOPES]:
         action = _derive(table, u)
         if action:
@@ -206,9 +229,4 @@ def step_mixed(t: float, h: float, u: int, y: int, data: int) -> int:
     action = _advance(table, t, h, data)
     if action:
         return action
-    for _ in range(table[at.N_GET]):
-        action = get_row(table, integers_at(row), y)
-        if action:
-            return action
-        row += 8 * at.ROW
-    return 0
+    return get_all(data, y)

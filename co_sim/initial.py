@@ -96,8 +96,7 @@ class _Settling:
             self.exchange(part, self.row)
 
     def _gather(self, links: slice | NDArray[np.intp]) -> None:
-        _, u = self.layout.links, self.layout.u
-        u[self.layout.links.target[links]] = self._fed(links)
+        self.layout.u[self.layout.links.target[links]] = self._fed(links)
 
     def _fed(self, links: slice | NDArray[np.intp]) -> Vector:
         table = self.layout.links

@@ -10,7 +10,7 @@ import numpy as np
 from co_sim.dependencies import component_order
 from co_sim.kernel import PART, Links
 from co_sim.snapshot import TextPlaces
-from co_sim.texts import number_of
+from co_sim.texts import as_number
 
 if TYPE_CHECKING:
     from co_sim.component import Component, Port, Vector
@@ -147,7 +147,7 @@ def _input_places(system: System, order: list[str]) -> dict[str, int]:
 def _start_values(system: System) -> dict[str, float]:
     """Return the start values of inputs as numbers."""
     return {
-        f"{name}.{element}": number_of(value) if isinstance(value, str) else float(value)
+        f"{name}.{element}": as_number(value)
         for name, component in system.components.items()
         for port in component.inputs
         for element, value in zip(port.elements, port.starts or (), strict=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from co_sim.errors import Fault, InputError
 from co_sim.native import TableComponent
-from co_sim.texts import number_of
+from co_sim.texts import as_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -89,7 +89,7 @@ class Constant(_Source):
         """Translate the values; the numbers of texts hold in one process only."""
         from co_sim.steps import constant_step
 
-        numbers = [number_of(value) if isinstance(value, str) else float(value) for value in self._constants]
+        numbers = [as_number(value) for value in self._constants]
         self._values = np.array(numbers)
         self._attach(constant_step, [len(numbers), self._values.ctypes.data])
 

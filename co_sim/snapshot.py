@@ -15,7 +15,7 @@ import numpy as np
 
 from co_sim.component import StateError
 from co_sim.errors import InputError
-from co_sim.files import whole_file
+from co_sim.files import checked_path, whole_file
 from co_sim.texts import number_of, text_of
 
 if TYPE_CHECKING:
@@ -64,10 +64,7 @@ class Snapshot:
 
 def write_snapshot(path: Path, snapshot: Snapshot, system: System, t0: float, places: TextPlaces) -> None:
     """Write a snapshot to a file that is whole or not there."""
-    if not path.parent.is_dir():
-        raise InputError(
-            f"{path}", got=f"no folder {path.parent}", expected="an existing folder", remedy="create it first"
-        )
+    path = checked_path(path)
     header = {
         "k": snapshot.k,
         "begun": snapshot.begun,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["listen", "number_of", "text_of"]
+__all__ = ["as_number", "listen", "number_of", "text_of"]
 
 #: The empty text is 0, so that a value that nobody has written yet is a text too.
 _TEXTS = [""]
@@ -28,6 +28,11 @@ def number_of(text: str) -> float:
         for listener in _LISTENERS:
             listener(text)
     return float(number)
+
+
+def as_number(value: float | str) -> float:
+    """Return a value as it travels: a text as its number, any other as a float."""
+    return number_of(value) if isinstance(value, str) else float(value)
 
 
 def listen(listener: Callable[[str], None]) -> None:

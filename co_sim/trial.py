@@ -17,7 +17,7 @@ import numpy as np
 from co_sim.errors import InputError
 from co_sim.fmu import FmuComponent
 from co_sim.model_exchange import ExchangeFmu
-from co_sim.texts import number_of
+from co_sim.texts import as_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -88,7 +88,7 @@ def _steps(component: FmuComponent, t0: float, h: float, n: int, enter: Callable
 def _inputs(component: FmuComponent) -> Vector:
     """Return the start values of the inputs, zeros where there are none, and zeros for their derivatives."""
     values = [
-        number_of(start) if isinstance(start, str) else float(start)
+        as_number(start)
         for port in component.inputs
         for start in (port.starts or (("",) if port.kind == "string" else (0.0,)) * port.size)
     ]

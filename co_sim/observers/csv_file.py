@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from co_sim.errors import InputError
-from co_sim.files import whole_file
+from co_sim.files import checked_path, whole_file
 from co_sim.observers.csv_text import CsvRows, check_digits, csv_line
-from co_sim.observers.file_writer import FileWriter, checked_path
+from co_sim.observers.file_writer import FileWriter
 from co_sim.observers.memory import titles
 from co_sim.observers.selection import Window, check_every
 

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from co_sim.errors import InputError
+from co_sim.files import checked_path
 from co_sim.observers.selection import Selection, Window
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Table = NDArray[np.float64]
 
-__all__ = ["FileWriter", "checked_path"]
+__all__ = ["FileWriter"]
 
 
 class FileWriter(ABC):
@@ -104,15 +104,3 @@ class FileWriter(ABC):
     @abstractmethod
     def _close(self, error: BaseException | None) -> None:
         """Write what is left and close the file; `error` is what stopped the run."""
-
-
-def checked_path(path: str | os.PathLike[str]) -> Path:
-    """Return `path`; raise an `InputError` if no file of this name can be made."""
-    path = Path(path)
-    if not path.parent.is_dir():
-        raise InputError(
-            f"{path}", got=f"no folder {path.parent}", expected="an existing folder", remedy="create it first"
-        )
-    if path.is_dir():
-        raise InputError(f"{path}", got="a folder", expected="a file", remedy="add the name of a file")
-    return path

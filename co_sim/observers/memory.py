@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from co_sim.errors import InputError, suggestion
-from co_sim.files import whole_file
+from co_sim.files import checked_path, whole_file
 from co_sim.observers.csv_text import CsvRows, csv_line
-from co_sim.observers.file_writer import checked_path
 from co_sim.observers.kinds import texts, typed
 from co_sim.observers.selection import Selection, Window
 

@@ -6,7 +6,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, get_args
+from typing import TYPE_CHECKING, get_args
 
 import click
 
@@ -109,14 +109,10 @@ def simulate(
         with master:
             master.run(duration)
         _print_done(path, recorder, duration, time.perf_counter() - started)
-    except InputError as error:
-        _refuse(error)
     except OSError as error:
-        _refuse(
-            InputError(
-                f"{out}", got=str(error.strerror), expected="a folder to write to", remedy="check --out"
-            )
-        )
+        raise InputError(
+            f"{out}", got=str(error.strerror), expected="a folder to write to", remedy="check --out"
+        ) from error
     except RunError as error:
         click.echo(f"error: {error}", err=True)
         for note in getattr(error, "__notes__", ()):
@@ -172,9 +168,3 @@ def _plot(recorder: Recorder, path: Path, title: str) -> None:
 
     left_out = plot(recorder, path, title)
     click.echo(f"{path}" + (f", without {len(left_out)} signals; choose with --record" if left_out else ""))
-
-
-def _refuse(error: Exception) -> NoReturn:
-    for line in str(error).splitlines():
-        click.echo(f"error: {line}", err=True)
-    sys.exit(2)
