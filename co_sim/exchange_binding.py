@@ -102,7 +102,7 @@ class ExchangeBinding(Binding):
 
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Advance; the ports may need the interpreter."""
-        address, data = self._native()
+        address, data, _ = self._native()
         status = _c_function(address)(t, h, u.ctypes.data, y.ctypes.data, data)
         if status:
             raise self.failure(status)

@@ -10,7 +10,7 @@ import numpy as np
 from co_sim import fmi_table as at
 from co_sim.fmi import FmuError
 from co_sim.fmi_values import UnfitError, grouped, misfit
-from co_sim.native import NativeStep
+from co_sim.native import Call, NativeStep
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -176,12 +176,14 @@ class Binding:
 
     def _native(self) -> NativeStep:
         # Compiled code is loaded when it is needed: that takes a while.
+        step: Any
+        call = Call.FUNCTION
         if self._is_plain:
             from co_sim.fmi_step import step2, step3
 
-            step: Any = step2 if self._slave.version == 2 else step3
+            step, call = (step2, Call.FMI2) if self._slave.version == 2 else (step3, Call.FMI3)
         else:
             from co_sim.fmi_step_mixed import step_mixed
 
             step = step_mixed
-        return NativeStep(step.address, self._table.ctypes.data)
+        return NativeStep(step.address, self._table.ctypes.data, call)

@@ -58,6 +58,7 @@ class IteratedLoop:
     def __init__(self, layout: Layout, t0: float, h: float, coupling: Coupling, progress: Integers) -> None:
         self._layout, self._t0, self._h, self._coupling = layout, t0, h, coupling
         self._progress = progress
+        _, self._links = layout.tables()
         self._fed = np.unique(layout.links.source)
         #: Largest magnitude of each fed signal so far.
         self.scale = np.zeros(len(self._fed))
@@ -122,7 +123,7 @@ class IteratedLoop:
     def _try(self, rows: Matrix, row: int, k: int) -> Failure | None:
         # All parts read the guess, none a result of this repetition: their order changes nothing.
         for part in self._layout.parts:
-            feed(self._layout, part, rows, row + 1, k + 1, k, self._h, part.ahead, part.end)
+            feed(part, self._links, self._layout.u, rows, row + 1, k + 1, k, self._h, part.ahead, part.end)
         for j, part in enumerate(self._layout.parts):
             y = rows[row + 1, part.y]
             self._tell(k, j)

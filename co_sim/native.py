@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import ctypes
 from abc import abstractmethod
+from enum import IntEnum
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "STEP",
+    "Call",
     "NativeComponent",
     "NativeStep",
     "TableComponent",
@@ -56,11 +58,20 @@ def _c_function(address: int) -> Callable[..., int]:
     return _STEP_C(address)
 
 
+class Call(IntEnum):
+    """How the compiled loop makes a step: by its function, or by lines of its own that do the same."""
+
+    FUNCTION = 0
+    FMI2 = 2
+    FMI3 = 3
+
+
 class NativeStep(NamedTuple):
     """Addresses of a step function and of its `data`; both stay valid until the component is closed."""
 
     address: int
     data: int
+    call: Call = Call.FUNCTION
 
 
 class NativeComponent(Component):
@@ -80,7 +91,7 @@ class NativeComponent(Component):
 
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Advance by the machine code."""
-        address, data = cast("NativeStep", self.native())
+        address, data, _ = cast("NativeStep", self.native())
         status = _c_function(address)(t, h, u.ctypes.data, y.ctypes.data, data)
         if status:
             raise self.failure(status)
