@@ -46,7 +46,9 @@ __all__ = ["CouplingWarning", "Master", "checked_count", "ending", "longest_bloc
 
 #: Blocks are made as long as this, s: short enough for an interrupt, long enough to cost nothing.
 _BLOCK_TIME = 0.02
+#: Steps in the first block, and how many times longer than the last one a block may be.
 _FIRST_BLOCK = 1
+_GROWTH_OF_BLOCKS = 16.0
 
 
 class CouplingWarning(UserWarning):
@@ -97,6 +99,7 @@ class Master:
         self.k = 0
         self.observers = tuple(observers)
         self.signals = system.signals
+        self._looped = looped_components(system)
         self._compiled = compiled
         self._quiet = quiet
         self._layout = lay_out(system)
@@ -323,7 +326,7 @@ class Master:
 
     def _observed(self, count: int) -> Growth | None:
         """Make `count` steps in blocks that the observers see; return what was still growing at the end."""
-        watch = Watch(self.system)
+        watch = Watch(self.system, self._looped)
         begin = self.k
         self._show(0, self._row, 1)
         block = _FIRST_BLOCK
@@ -341,7 +344,8 @@ class Master:
                 name = self.signals[growth.column].component
                 raise RunError(name, time=self.t0 + step * self.h, step=step, reason=reason)
             elapsed = time.perf_counter() - started
-            block = max(min(int(block * min(_BLOCK_TIME / max(elapsed, 1e-9), 4.0)), LONGEST_BLOCK), 1)
+            longer = min(_BLOCK_TIME / max(elapsed, 1e-9), _GROWTH_OF_BLOCKS)
+            block = max(min(int(block * longer), LONGEST_BLOCK), 1)
         return watch.unfinished()
 
     def _advance_and_show(self, n: int, begin: int) -> None:
@@ -421,7 +425,7 @@ class Master:
     def _not_finite(self, column: int, row: Vector, t: float) -> RunError:
         signal = self.signals[column]
         reason = f"{signal.name} became {row[column]} at t = {t:g} s"
-        if self.k > 0 and signal.component in looped_components(self.system):
+        if self.k > 0 and signal.component in self._looped:
             reason += f"; {advice(self.system.coupling, self.h)}"
         return self._run_error(signal.component, reason)
 
