@@ -129,6 +129,9 @@ class ExchangeBinding(Binding):
             " or an indicator returns to zero after each"
         )
 
+    def native_state(self) -> None:
+        """Return nothing: what the integration knows is kept by the interpreter."""
+
     def may_return(self) -> None:
         """Tell the FMU in each later step that an earlier state may be restored."""
         self.table["never_back"] = False

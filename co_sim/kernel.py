@@ -41,7 +41,19 @@ if TYPE_CHECKING:
     Integers = NDArray[np.int64]
     Matrix = NDArray[np.float64]
 
-__all__ = ["LINK", "NOT_FINITE", "PART", "Feed", "advance", "gather"]
+__all__ = [
+    "LINK",
+    "NOT_FINITE",
+    "PART",
+    "Feed",
+    "address",
+    "advance",
+    "gather",
+    "gather_links",
+    "is_finite",
+    "part_at",
+    "step_of",
+]
 
 #: What the columns of the table of parts hold, in this order.
 PART = (
@@ -109,9 +121,15 @@ _call_step = caller(STEP)
 
 
 @njit(inline="always")
-def _at(array: Any) -> Any:
+def address(array: Any) -> Any:
     """Return the address of an array; numba's own is unsigned, and a float64 when something is added."""
     return intp(array.ctypes.data)
+
+
+@njit(inline="always")
+def part_at(parts: Integers, j: int) -> Any:
+    """Return a row of the table of parts."""
+    return integers_at(address(parts) + _PART_SIZE * j)
 
 
 @njit(error_model="numpy", inline="always")
@@ -166,7 +184,7 @@ def _scaled(link: Any, numbers: Any, value: float) -> float:
 
 
 @njit(error_model="numpy")
-def _gather(
+def gather_links(
     rows: int,
     width: int,
     row: int,
@@ -215,9 +233,9 @@ def gather(
         value at its end.
     u : all inputs.
     """
-    table = _at(links)
+    table = address(links)
     link, end = table + _LINK_SIZE * first, table + _LINK_SIZE * last
-    _gather(_at(rows), rows.shape[1], row, k, begin, length, h, link, end, derived, _at(u))
+    gather_links(address(rows), rows.shape[1], row, k, begin, length, h, link, end, derived, address(u))
 
 
 @njit(error_model="numpy")
@@ -230,18 +248,18 @@ def _prepare(rows: int, width: int, row: int, k: int, h: float, part: int, u: in
     period, derived = table[_PERIOD], table[_DERIVED]
     behind, ahead, end = table[_BEHIND], table[_AHEAD], table[_END]
     if k % period == 0:
-        _gather(rows, width, row, k, k, period, h, behind, ahead, derived, u)
+        gather_links(rows, width, row, k, k, period, h, behind, ahead, derived, u)
     if (k + 1) % period != 0:
         begin = row * width + table[_Y]
         for c in range(begin, begin + table[_N_Y]):
             values[c + width] = values[c]
         return False
-    _gather(rows, width, row + 1, k + 1, k + 1 - period, period, h, ahead, end, derived, u)
+    gather_links(rows, width, row + 1, k + 1, k + 1 - period, period, h, ahead, end, derived, u)
     return True
 
 
 @njit(error_model="numpy", inline="always")
-def _step(table: Any, t: float, h: float, u: int, y: int) -> Any:
+def step_of(table: Any, t: float, h: float, u: int, y: int) -> Any:
     """Make a step of a part."""
     if table[_CALL] == _FMI2:
         return fmi2_step(t, h, u, y, table[_DATA])
@@ -251,7 +269,7 @@ def _step(table: Any, t: float, h: float, u: int, y: int) -> Any:
 
 
 @njit(error_model="numpy", inline="always")
-def _is_finite(y: int, end: int) -> bool:
+def is_finite(y: int, end: int) -> bool:
     """Tell whether all numbers between two addresses are finite."""
     while y < end:
         if integers_at(y)[0] & _EXPONENT == _EXPONENT:
@@ -280,9 +298,9 @@ def advance(
     -------
     Steps made; the status that ended them (0: none, `NOT_FINITE` or a component's own); index of its part.
     """
-    rows_at, width, inputs_at, parts_at = _at(rows), rows.shape[1], _at(u), _at(parts)
+    rows_at, width, inputs_at, parts_at = address(rows), rows.shape[1], address(u), address(parts)
     end_of_parts = parts_at + _PART_SIZE * len(parts)
-    inputs, doing = doubles_at(inputs_at), integers_at(_at(progress))
+    inputs, doing = doubles_at(inputs_at), integers_at(address(progress))
     now = rows_at + 8 * row * width
     for i in range(n):
         t = t0 + (k + i) * h
@@ -308,10 +326,10 @@ def advance(
                 begin, length = t0 + (k + i + 1 - period) * h, period * h
             doing[DOING_PART] = table[_INDEX]
             y = following + 8 * table[_Y]
-            status = _step(table, begin, length, inputs_of_part, y)
+            status = step_of(table, begin, length, inputs_of_part, y)
             if status != 0:
                 return i, status, table[_INDEX]
-            if not _is_finite(y, y + 8 * table[_N_Y]):
+            if not is_finite(y, y + 8 * table[_N_Y]):
                 return i, NOT_FINITE, table[_INDEX]
             part += _PART_SIZE
         now = following

@@ -67,12 +67,16 @@ class CompiledLoop:
 
     def advance(self, rows: Matrix, row: int, k: int, n: int) -> tuple[int, Failure | None]:
         """Make `n` steps without the interpreter, except for the components that need it."""
-        layout = self._layout
-        made, status, j = advance(rows, row, k, n, self._t0, self._h, self._parts, layout.u, self._progress)
+        made, status, j = advance(
+            rows, row, k, n, self._t0, self._h, self._parts, self._layout.u, self._progress
+        )
+        return made, self._failure(status, j)
+
+    def _failure(self, status: int, j: int) -> Failure | None:
         if status == 0:
-            return made, None
-        part = layout.parts[j]
-        return made, Failure(part, None if status == NOT_FINITE else self._error(part, status))
+            return None
+        part = self._layout.parts[j]
+        return Failure(part, None if status == NOT_FINITE else self._error(part, status))
 
     def _error(self, part: Part, status: int) -> BaseException:
         callback = self._callbacks.get(part.name)

@@ -23,7 +23,7 @@ from co_sim.component import StateError
 from co_sim.dependencies import looped_components
 from co_sim.errors import InputError, RunError
 from co_sim.initial import settle
-from co_sim.iterated import IteratedLoop
+from co_sim.iterated import CompiledIteratedLoop, IteratedLoop
 from co_sim.layout import lay_out
 from co_sim.loops import CompiledLoop, InterpretedLoop
 from co_sim.snapshot import Snapshot, read_snapshot, write_snapshot
@@ -182,9 +182,9 @@ class Master:
         row[:] = self._layout.first_row
         settle(self.system, self._layout, row, self._exchange)
         self._check_start(row)
-        self._loop = self._new_loop()
         if self.system.coupling.algorithm == "iterated":
-            self.save()  # tells now which component cannot be taken back
+            self._saved_states()  # tells now which component cannot be taken back
+        self._loop = self._new_loop()
 
     def enter_steps(self) -> None:
         """End the initialisation, as the first step would; starts the components if need be."""
@@ -251,12 +251,16 @@ class Master:
         """
         self.start()
         assert self._loop is not None
+        states = self._saved_states()
+        rows = self._rows[self._row - self._layout.history : self._row + 1].copy()
+        return Snapshot(self.k, rows, self._layout.u.copy(), states, self._begun, self._loop.scale.copy())
+
+    def _saved_states(self) -> dict[str, object]:
         states = {}
         for name, component in self.system.components.items():
             with _telling_state_of(name):
                 states[name] = component.save()
-        rows = self._rows[self._row - self._layout.history : self._row + 1].copy()
-        return Snapshot(self.k, rows, self._layout.u.copy(), states, self._begun, self._loop.scale.copy())
+        return states
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back, or on, to a state of `save`; may be done any number of times.
@@ -320,7 +324,8 @@ class Master:
 
     def _new_loop(self) -> Loop:
         if self.system.coupling.algorithm == "iterated":
-            return IteratedLoop(self._layout, self.t0, self.h, self.system.coupling, self._table.progress)
+            iterated = CompiledIteratedLoop if self._compiled else IteratedLoop
+            return iterated(self._layout, self.t0, self.h, self.system.coupling, self._table.progress)
         kind = CompiledLoop if self._compiled else InterpretedLoop
         return kind(self._layout, self.t0, self.h, self._table.progress)
 
