@@ -120,7 +120,7 @@ def run(system, n_steps=30, **options):
         lambda: gear(2, ExchangeFmu),
         lambda: gear(3, ExchangeFmu),
         lambda: ring(Lag(), Lag(0.5, 30.0), Counting(0.2)),
-        lambda: ring(Lag(), Lag(), Lag(), order=2, gain=-1.9),
+        lambda: ring(Lag(), Lag(-0.5), Lag(0.2), order=2, gain=-1.9),
     ],
     ids=["fmi2", "fmi3", "exchange fmi2", "exchange fmi3", "stiff ring", "swinging ring"],
 )
