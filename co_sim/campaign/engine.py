@@ -128,7 +128,7 @@ def _compute(
     return suspects
 
 
-def _finished(client: Client, running: Iterable[Future[Entry]) -> list[Future[Entry]:
+def _finished(client: Client, running: Iterable[Future[Entry]]) -> list[Future[Entry]]:
     """Wait until a case is computed; return all that are."""
     from distributed import wait
 
