@@ -205,7 +205,7 @@ def main() -> None:
         "--turn",
         type=float,
         default=0.2,
-        help="s in each round for which a fast master runs again and again; longer where the machine is shared",
+        help="s in each round for which a fast master runs again and again; more on a shared machine",
     )
     parser.add_argument("--own", action="store_true", help="the floor and the compiled loop only")
     options = parser.parse_args()
