@@ -19,8 +19,8 @@ for, some 250 instructions far: with few of them between two components, the sec
 one's last results are still under way. Hence pointers instead of arrays, whose views are counted by numba and
 whose indices may be negative, and hence the steps of FMUs that stand in the loop itself.
 
-Machine code is cached by the date of its own file: a change of `co_sim.fmi_calls` or of `co_sim.fmi_table` must
-touch this file, and a change here `co_sim.iterated_kernel`.
+Machine code is cached by the date of its own file: a change of `co_sim.fmi_calls` or of `co_sim.fmi_table`
+must touch this file, and a change here `co_sim.iterated_kernel`.
 """
 
 from __future__ import annotations
