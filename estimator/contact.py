@@ -20,7 +20,8 @@ __all__ = ["KNEE_SLOPE", "CreepCurve"]
 
 Array = NDArray[np.float64]
 
-#: Where the tangent has fallen to this part of the initial slope, the linear region of a curve ends: the knee.
+#: The linear region of a curve ends at the knee, where the tangent has fallen to this part of the initial
+#: slope.
 KNEE_SLOPE = 0.15
 # Creep range in which the maximum is looked for: from far inside the linear region to a spinning wheel.
 _CREEP_RANGE = (1e-6, 1.0)

@@ -1,1 +1,1 @@
-"""Studies: campaigns of identification on the wheelset FMU, from the file that describes one to its report."""
+"""Studies: campaigns of identification on the wheelset FMU, from their description to their report."""

@@ -1,4 +1,4 @@
-"""One case of a study: what the wheelset does, what the filters do not know, and what the sensors are like."""
+"""One case of a study: what the wheelset does, what its sensors are like, what the filters do not know."""
 
 from __future__ import annotations
 
@@ -97,8 +97,12 @@ class Trial(BaseModel):
     @property
     def curve(self) -> CreepCurve:
         """Creep curve of the plant at the speed of the case, after a drop."""
+        return self.curve_of(self.condition)
+
+    def curve_of(self, condition: str) -> CreepCurve:
+        """Return the creep curve of the plant on a rail, at the speed of the case."""
         wheelset = self.wheelset
-        return CreepCurve(CONDITIONS[self.condition], self.speed, wheelset.N, wheelset.patch)
+        return CreepCurve(CONDITIONS[condition], self.speed, wheelset.N, wheelset.patch)
 
     @property
     def creep(self) -> float:

@@ -1,0 +1,88 @@
+"""What a worker does with a case: record the journey, let every bank look at it, score what they say."""
+
+from __future__ import annotations
+
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
+
+from co_sim.wheelset.identifying.paper import PaperBank
+from co_sim.wheelset.identifying.vehicle import Vehicle
+from co_sim.wheelset.recordings import record
+from co_sim.wheelset.studies.scoring import score
+from co_sim.wheelset.studies.trial import NOISE
+from estimator.log import Log
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from co_sim.campaign import Case
+    from co_sim.wheelset.identifying.answer import Answer
+    from co_sim.wheelset.recordings import Recording
+    from co_sim.wheelset.results import FilterDesign
+    from co_sim.wheelset.studies.study import Study
+    from co_sim.wheelset.studies.trial import Trial
+
+__all__ = ["evaluate", "function_of"]
+
+#: Seconds between two rows of an answer.
+_EVERY = 0.01
+
+
+def function_of(study: Study) -> Callable[[Case], dict[str, Any]]:
+    """Return the function that the workers call for each case of a study."""
+    return partial(evaluate, banks=study.banks, window=study.window)
+
+
+def evaluate(case: Case, banks: tuple[str, ...], window: float) -> dict[str, Any]:
+    """Return the record of a case, see `score`; what it holds depends on the case alone."""
+    from co_sim.wheelset.studies.trial import Trial
+
+    trial = Trial.model_validate(case.values)
+    recording = record(trial.journey(case.seed))
+    if recording.stopped is not None:
+        raise RuntimeError(f"the journey stopped early: {recording.stopped}")
+    answers = {bank: _LOOK[bank](recording, trial, window) for bank in banks}
+    return score(recording, trial, answers, window)
+
+
+def _log(recording: Recording, speed_error: float = 1.0, torque_error: float = 1.0) -> Log:
+    """Return what the filters are told."""
+    return Log(
+        time=recording.time,
+        yaw_rate=recording.yaw_rate,
+        lateral_acceleration=recording.lateral_acceleration,
+        speed=recording.speed * speed_error,
+        traction_torque=recording.traction_torque * torque_error,
+    )
+
+
+def _noise(trial: Trial) -> tuple[float, float]:
+    """Return what the filters assume of the sensors' noise."""
+    factor = trial.noise if trial.assumed_noise is None else trial.assumed_noise
+    return factor * NOISE[0], factor * NOISE[1]
+
+
+def _track(trial: Trial) -> str:
+    return trial.track if trial.assumed_track == "same" else trial.assumed_track
+
+
+def _paper(recording: Recording, trial: Trial, window: float) -> Answer:
+    # Designed at the true speed of the case: tuning takes seconds, and is kept for all cases of a speed.
+    log = _log(recording)
+    bank = PaperBank(log, Vehicle(), _noise(trial), _track(trial))
+    return bank.run(_paper_filters(bank.speed, _noise(trial), _track(trial), log.h), _EVERY)
+
+
+@cache
+def _paper_filters(
+    speed: float, noise: tuple[float, float], track: str, h: float
+) -> tuple[FilterDesign, ...]:
+    import numpy as np
+
+    time = h * np.arange(3)
+    still = np.zeros(3)
+    log = Log(time=time, yaw_rate=still, lateral_acceleration=still, speed=np.full(3, speed))
+    return PaperBank(log, Vehicle(), noise, track).design()
+
+
+_LOOK: dict[str, Callable[[Recording, Trial, float], Answer]] = {"paper": _paper}
