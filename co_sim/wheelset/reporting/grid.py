@@ -157,7 +157,7 @@ class Grid:
             for point, name in zip(self.points, self.point_names, strict=True)
         ]
 
-    def as_json(self) -> dict[str, object]:
+    def as_json(self) -> dict[str, list[str] | list[float]]:
         """Return the axes for the report's JSON file."""
         return {
             "condition": list(self.conditions),

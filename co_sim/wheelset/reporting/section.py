@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
@@ -166,12 +165,12 @@ class Section:
     key: str
     title: str
     words: tuple[str, ...]
-    numbers: Mapping[str, Quantity] = field(default_factory=lambda: MappingProxyType({}))
-    axes: Mapping[str, Sequence[str | float]] = field(default_factory=lambda: MappingProxyType({}))
+    numbers: Mapping[str, Quantity] = field(default_factory=dict)
+    axes: Mapping[str, Sequence[str | float]] = field(default_factory=dict)
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
     summary: tuple[str, ...] = ()
-    brief: Mapping[str, Sequence[Sequence[str]]] = field(default_factory=lambda: MappingProxyType({}))
+    brief: Mapping[str, Sequence[Sequence[str]]] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
