@@ -106,7 +106,7 @@ def _behaviour(modes: Sequence[Mode]) -> str:
     if counts["undamped"]:
         one = counts["undamped"] == 1
         parts.append(f"{counts['undamped']} neither decay{'s' if one else ''} nor grow{'s' if one else ''}")
-    return f"The model is not stable: of its {len(modes)} modes {listed(parts)}."
+    return f"The model is not asymptotically stable: of its {len(modes)} modes {listed(parts)}."
 
 
 def _mode_table(modes: Sequence[Mode]) -> Table:
@@ -207,14 +207,22 @@ def _best(found: Structure, sets: Mapping[str, Access], verb: str) -> str:
             f"{who} {verb}{s} the whole model; a relative change of {number(access.distance.value, 2)} "
             f"of the scaled model would hide a mode."
         )
-    reason = access.verdict.reason.rstrip(".")
-    return f"{who} {verb}{s} {access.rank.rank} of {found.system.order} dimensions: {_short(reason)}."
+    hidden = [
+        _described(margin.mode)
+        for margin in access.margins
+        if margin.lost and margin.mode.exponent.imag >= 0.0
+    ]
+    told = [*hidden[:_TOLD], f"{len(hidden) - _TOLD} more"] if len(hidden) > _TOLD else hidden
+    lost = f"; lost: {listed(told)}" if told else ""
+    return f"{who} {verb}{s} {access.rank.rank} of {found.system.order} dimensions{lost}."
 
 
-def _short(reason: str) -> str:
-    parts = reason.split("; ")
-    rest = len(parts) - _TOLD
-    return "; ".join(parts[:_TOLD]) + (f"; and {rest} more" if rest > 0 else "")
+def _described(mode: Mode) -> str:
+    if mode.exponent == 0.0:
+        return f"the integrator {mode.dominant}"
+    if mode.exponent.imag == 0.0:
+        return f"the mode of {mode.dominant} at {quantity(mode.exponent.real, '1/s')}"
+    return f"the oscillation of {mode.dominant} at {quantity(mode.frequency, 'Hz')}"
 
 
 def _blind(sets: Mapping[str, Access], verb: str, order: int) -> str:
