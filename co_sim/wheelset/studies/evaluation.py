@@ -79,9 +79,10 @@ def _paper_filters(
 ) -> tuple[FilterDesign, ...]:
     import numpy as np
 
-    time = h * np.arange(3)
     still = np.zeros(3)
-    log = Log(time=time, yaw_rate=still, lateral_acceleration=still, speed=np.full(3, speed))
+    log = Log(
+        time=np.array([0.0, h, 2.0 * h]), yaw_rate=still, lateral_acceleration=still, speed=np.full(3, speed)
+    )
     return PaperBank(log, Vehicle(), noise, track).design()
 
 

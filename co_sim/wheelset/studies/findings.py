@@ -88,14 +88,20 @@ class Findings:
     ----------
     cases : a row for each case, see `co_sim.campaign.results.rows`.
     windows : a row for each window, with the number of its case. banks : that looked.
+    variants : names of the variants of the plan, of which each place of the plan has a case.
     """
 
     def __init__(
-        self, cases: Sequence[dict[str, Any]], windows: Sequence[dict[str, Any]], banks: Sequence[str]
+        self,
+        cases: Sequence[dict[str, Any]],
+        windows: Sequence[dict[str, Any]],
+        banks: Sequence[str],
+        variants: Sequence[str] = (),
     ) -> None:
         self.cases = [row for row in cases if row["status"] == "done"]
         self.failures = [row for row in cases if row["status"] == "failed"]
         self.banks = tuple(banks)
+        self.variants = tuple(variants)
         self._windows = list(windows)
         self._by_number = {row["case"]: row for row in self.cases}
 
@@ -185,21 +191,17 @@ class Findings:
 
         Cases are compared in pairs, which have their random numbers in common.
         """
-        variants = list(dict.fromkeys(row["variant"] for row in self.cases))
         shares = self._shares_of_cases(bank, what)
-        by_variant = {
-            variant: {
-                row["seed"]: shares[row["case"]]
-                for row in self.cases
-                if row["variant"] == variant and row["case"] in shares
-            }
-            for variant in variants
-        }
-        first = by_variant[variants[0]]
+        by_variant: dict[str, dict[int, float]] = {variant: {} for variant in self.variants}
+        for row in self.cases:
+            if row["case"] in shares:
+                # Variants of one place of the plan follow each other.
+                by_variant[row["variant"]][row["case"] // len(self.variants)] = shares[row["case"]]
+        first = by_variant[self.variants[0]]
         found = {}
-        for variant in variants[1:]:
-            both = [seed for seed in first if seed in by_variant[variant]]
-            pair = (np.array([group[seed] for seed in both]) for group in (first, by_variant[variant]))
+        for variant in self.variants[1:]:
+            both = [place for place in first if place in by_variant[variant]]
+            pair = [np.array([group[place] for place in both]) for group in (first, by_variant[variant])]
             found[variant] = paired_difference(*pair)
         return found
 
