@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
     from pydantic_core import ErrorDetails
 
-__all__ = ["field_table", "load_scenario", "packaged_names", "packaged_text"]
+__all__ = ["field_table", "load_scenario", "packaged_names", "packaged_text", "tables_of", "validated"]
 
 
 def _packaged() -> Traversable:
@@ -81,12 +81,23 @@ def load_scenario(source: str) -> tuple[Scenario, Path]:
 
 def parse(text: str, name: str) -> Scenario:
     """Return the scenario in a TOML `text`; `name` stands in messages for the file."""
+    return validated(tables_of(text, name), name)
+
+
+def tables_of(text: str, name: str) -> dict[str, Any]:
+    """Return the tables of a TOML `text`; `name` stands in messages for the file."""
     try:
-        return Scenario.model_validate(_frozen(tomllib.loads(text)))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(
             name, got=f"text that is not TOML ({error})", expected="TOML 1.0", remedy="mend it there"
         ) from None
+
+
+def validated(tables: dict[str, Any], name: str) -> Scenario:
+    """Return the scenario of the `tables` of a file; `name` stands in messages for the file."""
+    try:
+        return Scenario.model_validate(_frozen(tables))
     except ValidationError as error:
         raise InputError.from_faults([_fault(name, e) for e in _causes(error.errors())]) from None
 
