@@ -18,7 +18,9 @@ from rich.table import Table
 from co_sim.cli_tools import check, inspect
 from co_sim.errors import InputError, RunError
 from co_sim.tool.simulate import simulate
+from co_sim.wheelset.identifying.command import identify
 from co_sim.wheelset.reporting.command import report
+from co_sim.wheelset.studies.command import campaign
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -276,7 +278,9 @@ def export(fmi: str, out: Path, parameters: Path | None) -> None:
 cli.add_command(inspect)
 cli.add_command(check)
 cli.add_command(simulate)
+cli.add_command(identify)
 cli.add_command(report)
+cli.add_command(campaign)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

@@ -96,15 +96,26 @@ class Laboratory:
             If a run cannot start, or one that tunes a filter stops early.
         """
         observers = tuple(observers)
-        filters = tuple(
-            self._design(i, f, point, observers)
-            for i, (f, point) in enumerate(zip(self.scenario.filters, self.points, strict=True))
-        )
+        filters = self.design(observers)
         identifier = self.identifier(filters)
         runs = tuple(self._observe(case, identifier, observers) for case in self.cases)
         stretches = tuple(s for run in runs for s in assess(run, self.scenario, filters))
         fuzzy = identifier.fuzzy.system
         return Experiment(self.name, self.scenario, filters, fuzzy, self.curves, runs, stretches)
+
+    def design(self, observers: Iterable[Observer] = ()) -> tuple[FilterDesign, ...]:
+        """Tune the filters of the bank, each on a run of the plant at its own operating point.
+
+        Raises
+        ------
+        RunError
+            If such a run cannot start or stops early.
+        """
+        observers = tuple(observers)
+        return tuple(
+            self._design(i, f, point, observers)
+            for i, (f, point) in enumerate(zip(self.scenario.filters, self.points, strict=True))
+        )
 
     def identifier(self, filters: Sequence[FilterDesign]) -> Identifier:
         """Return the identifier of the scenario with these filters."""

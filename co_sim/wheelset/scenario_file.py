@@ -22,7 +22,15 @@ if TYPE_CHECKING:
 
     from fmu_wheelset import WheelsetParameters
 
-__all__ = ["field_table", "load_scenario", "load_wheelset", "packaged_names", "packaged_text"]
+__all__ = [
+    "field_table",
+    "load_scenario",
+    "load_wheelset",
+    "packaged_names",
+    "packaged_text",
+    "tables_of",
+    "validated",
+]
 
 
 def _packaged() -> Traversable:
@@ -80,7 +88,8 @@ def load_wheelset(path: Path) -> WheelsetParameters:
     InputError
         If there is no such file, or it has faults.
     """
-    return parse(_text(path, "a file of parameters"), path.name, table="wheelset").parameters
+    tables = tables_of(_text(path, "a file of parameters"), path.name)
+    return validated({"wheelset": tables}, path.name).parameters
 
 
 def _text(path: Path, expected: str) -> str:
@@ -91,18 +100,25 @@ def _text(path: Path, expected: str) -> str:
         raise InputError(str(path), got=str(reason), expected=expected, remedy="check the path") from None
 
 
-def parse(text: str, name: str, table: str | None = None) -> Scenario:
-    """Return the scenario in a TOML `text`, or the one of which the text is a `table`.
+def parse(text: str, name: str) -> Scenario:
+    """Return the scenario in a TOML `text`; `name` stands in messages for the file."""
+    return validated(tables_of(text, name), name)
 
-    `name` stands in messages for the file.
-    """
+
+def tables_of(text: str, name: str) -> dict[str, Any]:
+    """Return the tables of a TOML `text`; `name` stands in messages for the file."""
     try:
-        tables = _frozen(tomllib.loads(text))
-        return Scenario.model_validate(tables if table is None else {table: tables})
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(
             name, got=f"text that is not TOML ({error})", expected="TOML 1.0", remedy="mend it there"
         ) from None
+
+
+def validated(tables: dict[str, Any], name: str) -> Scenario:
+    """Return the scenario of the `tables` of a file; `name` stands in messages for the file."""
+    try:
+        return Scenario.model_validate(_frozen(tables))
     except ValidationError as error:
         raise InputError.from_faults([_fault(name, e) for e in _causes(error.errors())]) from None
 
