@@ -107,12 +107,17 @@ def _run(
             except _lost() as error:
                 stopped = str(error)
         _write(study, journal, out)
+        failed = [entry for entry in journal.entries.values() if entry.status == "failed"]
+        if failed:
+            click.echo(
+                f"{len(failed)} cases failed, such as case {failed[0].case}: {failed[0].reason}", err=True
+            )
         missing = [case for case in missing if case.number not in journal.entries]
     if stopped:
         click.echo(f"stopped early, {stopped}; {len(missing)} cases are missing", err=True)
     if missing:
         click.echo("the same command goes on where this one stopped", err=True)
-    return not missing
+    return not missing and len(failed) < study.size
 
 
 def _lost() -> type[Exception]:

@@ -52,7 +52,10 @@ def _log(recording: Recording, speed_error: float = 1.0, torque_error: float = 1
         yaw_rate=recording.yaw_rate,
         lateral_acceleration=recording.lateral_acceleration,
         speed=recording.speed * speed_error,
-        traction_torque=recording.traction_torque * torque_error,
+        # With an imposed creep no torque is known.
+        traction_torque=None
+        if recording.journey.torque is None
+        else recording.traction_torque * torque_error,
     )
 
 

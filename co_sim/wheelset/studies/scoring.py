@@ -93,7 +93,8 @@ def score(
     for bank, answer in answers.items():
         rows = np.searchsorted(answer.time, np.array(ends) + 1e-9, side="right") - 1
         columns |= {f"{bank}.{name}": values for name, values in _said(answer, rows).items()}
-        record |= _alarm_record(bank, alarms_of(answer, recording, trial), trial)
+        if trial.manoeuvre != "prescribed":
+            record |= _alarm_record(bank, alarms_of(answer, recording, trial), trial)
     return record
 
 
