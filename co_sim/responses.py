@@ -196,8 +196,6 @@ def _continuous(step: _Step, h: float) -> tuple[Matrix, Matrix]:
     n, m = step.B.shape
     if n == 0:
         return step.A, step.B
-    if np.linalg.cond(step.A) > 1.0 / np.sqrt(_EPS):
-        raise NotLinearizableError("it has a state that is forgotten within a step")
     values = linalg.eigvals(step.A)
     if np.any((np.abs(values.imag) <= 1e-9 * np.abs(values)) & (values.real < 0.0)):
         raise NotLinearizableError("it has a state that changes its sign in each step")
