@@ -200,7 +200,8 @@ def _access(found: Structure, sets: Mapping[str, Access], kind: Literal["reached
 def _best(found: Structure, sets: Mapping[str, Access], verb: str) -> str:
     name = max(sets, key=lambda key: (sets[key].rank.rank, len(sets[key].signals)))
     access = sets[name]
-    who = f"All {len(access.signals)} together" if name == "all" else capital(name)
+    together = "Both" if len(access.signals) == 2 else f"All {len(access.signals)}"
+    who = f"{together} together" if name == "all" else capital(name)
     s = "" if name == "all" else "s"
     if access.rank.full:
         return (
