@@ -72,6 +72,7 @@ Writes to DIR:
   report.html     one self-contained page: what was run, what came out, what to make of it
   summary.json    every number of the report, the scenario, the seed and the versions
   results.csv     all signals of all runs, units in the header
+  logs/           what the sensors said in each run, for `wheelset identify`
   figures/        the figures of the report as PNG
 """
 )

@@ -64,6 +64,6 @@ class Answer:
 
 
 def row_places(log: Log, every: float) -> Indices:
-    """Return the places of the rows in a log, one every `every` (s), the first that long after the start."""
+    """Return the last sample of each full stretch of `every` (s) of a log: the place of its row."""
     step = max(round(every / log.h), 1)
-    return np.arange(step, len(log), step)
+    return np.arange(step - 1, len(log), step)

@@ -179,7 +179,9 @@ def _advice(done: Identified) -> Picture:
         middle = (bounds[i] + bounds[i + 1]) / 2.0
         ax.annotate(name, (1.01, middle), xycoords=("axes fraction", "data"), va="center", size=8.5)
     t, low, high = envelope(done.answer.time, done.advice.score, _BINS)
-    ax.fill_between(t, low, high, step="post", color=COLOURS[0], linewidth=0.8)
+    ax.fill_between(t, low, high, color=COLOURS[0], alpha=0.35, linewidth=0.0)
+    ax.plot(t, high, color=COLOURS[0], linewidth=1.0)
+    ax.plot(t, low, color=COLOURS[0], linewidth=1.0)
     ax.set_ylim(-1.0, 1.0)
     ax.set_yticks([-1, 0, 1])
     ax.set_ylabel("advice")
@@ -222,7 +224,9 @@ def _panel(ax: Axes, time: Array, values: Array, usable: NDArray[np.bool_]) -> N
         # A wild sample must not hide all others.
         middle, half = (good.min() + good.max()) / 2.0, 0.6 * max(float(np.ptp(good)), 1e-6)
         ax.set_ylim(middle - half, middle + half)
-    ax.plot(*thin(time, shown), color=COLOURS[0], linewidth=0.8)
+    t, x = thin(time, shown)
+    there = np.isfinite(values)[np.searchsorted(time, t)]
+    ax.plot(t, np.where(there, x, np.nan), color=COLOURS[0], linewidth=0.8)
     bad = np.flatnonzero(~usable)
     if bad.size:
         starts, ends = _stretches(~usable)

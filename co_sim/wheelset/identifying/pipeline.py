@@ -92,7 +92,10 @@ def _answer(log: Log, settings: Settings, stages: Stages) -> Answer:
             filters = paper.design()
         with stages.stage("filters"):
             return paper.run(filters, settings.every)
-    raise NotImplementedError
+    from co_sim.wheelset.identifying.adhesion import run_adhesion_bank
+
+    with stages.stage("filters"):
+        return run_adhesion_bank(log, settings)
 
 
 def write(done: Identified, folder: Path, stages: Stages) -> dict[str, Any]:

@@ -45,7 +45,7 @@ def _answers(done: Identified) -> Iterator[str]:
         )
         return
     yield f"{capital(percent(share))} of the rows are identifiable; what follows is about those."
-    yield f"The wheelset ran {_ran(done.region_shares or {})} of the creep curve."
+    yield f"On the creep curve the wheelset was {_ran(done.region_shares or {})}."
     if done.condition_shares is not None:
         yield f"The rail was most probably {_most(done.condition_shares)}."
     yield from _adhesion(done)
@@ -58,7 +58,7 @@ def _ran(shares: dict[str, float]) -> str:
     ranked = sorted(((share, places[name]) for name, share in shares.items() if share > 0.0), reverse=True)
     if len(ranked) == 1:
         return f"always {ranked[0][1]}"
-    return listed([f"{place} in {percent(share)}" for share, place in ranked])
+    return f"{listed([f'{place} in {percent(share)}' for share, place in ranked])} of them"
 
 
 def _most(shares: dict[str, float]) -> str:
@@ -66,8 +66,8 @@ def _most(shares: dict[str, float]) -> str:
     ranked = sorted((share, name.replace("_", " ")) for name, share in shares.items() if share > 0.0)[::-1]
     share, name = ranked[0]
     if share >= _MOST:
-        return f"{name} (in {percent(share)} of the rows)"
-    return listed([f"{name} in {percent(share)}" for share, name in ranked])
+        return f"{name} ({percent(share)} of them)"
+    return f"{listed([f'{name} in {percent(share)}' for share, name in ranked])} of them"
 
 
 def _adhesion(done: Identified) -> Iterator[str]:
@@ -83,7 +83,7 @@ def _adhesion(done: Identified) -> Iterator[str]:
     )
     if answer.mu_used is not None and np.isfinite(answer.mu_used[where]).any():
         use = np.abs(answer.mu_used[where]) / np.maximum(answer.mu_max[where], 1e-9)
-        yield f"In the median {percent(float(np.nanmedian(use)))} of it were used."
+        yield f"In the median {percent(float(np.nanmedian(use)))} of it was used."
 
 
 def _advice(done: Identified) -> Iterator[str]:

@@ -49,7 +49,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_files_that_a_run_writes(results: Path) -> None:
-    assert {p.name for p in results.iterdir()} == {"results.csv", "summary.json", "report.html", "figures"}
+    assert {p.name for p in results.iterdir()} == {"results.csv", "summary.json", "report.html", "figures", "logs"}
     figures = {p.name for p in (results / "figures").iterdir()}
     assert {
         "fig2_creep_curve.png",
@@ -83,6 +83,14 @@ def test_summary_holds_scenario_seed_versions_and_the_answer(results: Path) -> N
         assert sum(stretch["share_smallest"].values()) == pytest.approx(1.0)
         assert set(stretch["mean_probability"]) == {"dry-P1", "dry-P2", "dry-P3"}
         assert stretch["truth"]["left.adhesion_peak"] == pytest.approx(0.40364, abs=1e-5)
+
+
+def test_logs_are_what_identify_reads(results: Path) -> None:
+    assert {p.name for p in (results / "logs").iterdir()} == {"P1.csv", "P2.csv", "P3.csv"}
+    with (results / "logs" / "P1.csv").open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["time", "yaw_rate", "lateral_acceleration", "speed"]
+    assert len(rows) == 2001
 
 
 def test_rerun_gives_the_same_bytes(results: Path, tmp_path: Path) -> None:
