@@ -43,7 +43,7 @@ Examples:
   wheelset run adhesion-drop --out drop     the other packaged scenario, results in ./drop
   wheelset scenario default > mine.toml     a scenario file to start from
   wheelset run mine.toml --out mine
-  wheelset inspect vehicle.fmu              ports, units and capabilities of any FMU
+  wheelset inspect vehicle.fmu              ports, units and capabilities of any FMU or SSP
   wheelset check vehicle.fmu                everything that is wrong with it
 """,
 )
