@@ -153,7 +153,9 @@ def test_a_sound_system_passes_and_runs(pack, bare):
 
 
 def test_everything_is_found_at_once(pack):
-    enumeration = '<ssd:Connector name="direct" kind="parameter"><ssc:Boolean/></ssd:Connector></ssd:Connectors>'
+    enumeration = (
+        '<ssd:Connector name="direct" kind="parameter"><ssc:Boolean/></ssd:Connector></ssd:Connectors>'
+    )
     elements = (
         component("a", connectors("x:output:m", "u:input:nm").replace("</ssd:Connectors>", enumeration))
         + component("b", bindings(inline(real("T", 1), real("tau", 2)), inline(real("T", 2))))
