@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from co_sim.ssp.fmus import Fmu
     from co_sim.ssp.network import Edge, Network
 
-__all__ = ["Bound", "bind"]
+__all__ = ["Bound", "Reach", "bind", "reaches"]
 
 _REALS = frozenset({"float64", "float32"})
 
@@ -37,14 +37,37 @@ def bind(network: Network) -> Bound:
     same level. Names that nothing in the system has are passed over, as the standard has it.
     """
     flat: dict[Path, dict[str, tuple[Parameter, Values]]] = defaultdict(dict)
+    for reach in reaches(network):
+        for pin, edges in reach.targets:
+            values = _converted(network, reach.parameter, pin, edges)
+            if values is not None:
+                flat[pin.path][pin.name] = (reach.parameter, values)
+    return {path: _shaped(network.fmus[path], found) for path, found in flat.items()}
+
+
+class Reach(NamedTuple):
+    """What a bound parameter sets.
+
+    Parameters
+    ----------
+    path : of the element with the binding. source : the file with the value; empty for one in place.
+    parameter : its name and value.
+    targets : variables of FMUs, each with the connections on the way to it.
+    """
+
+    path: Path
+    source: str
+    parameter: Parameter
+    targets: tuple[tuple[Pin, tuple[Edge, ...]], ...]
+
+
+def reaches(network: Network) -> Iterator[Reach]:
+    """Return what each bound parameter sets; one that counts comes after those that it overrides."""
     for path, element in _from_the_innermost(network.root, ()):
         for binding in element.bindings:
-            for parameter in binding:
-                for pin, edges in _targets(network, element, path, parameter.name):
-                    values = _converted(network, parameter, pin, edges)
-                    if values is not None:
-                        flat[pin.path][pin.name] = (parameter, values)
-    return {path: _shaped(network.fmus[path], found) for path, found in flat.items()}
+            for parameter in binding.parameters:
+                targets = tuple(_targets(network, element, path, parameter.name))
+                yield Reach(path, binding.source, parameter, targets)
 
 
 def _from_the_innermost(element: Element, path: Path) -> Iterator[tuple[Path, Element]]:

@@ -96,7 +96,7 @@ def simulate(
         folder = out or Path("results") / file.stem
         folder.mkdir(parents=True, exist_ok=True)
         if with_check:
-            _print_check(system, duration, t0, record)
+            _print_check(system, duration, t0, record, in_process=in_process)
         path, patterns = folder / f"results.{kind}", record or ("*",)
         recorder = Recorder(patterns, every=every)
         observers = [recorder, _writer(path, patterns, every), Progress()]
@@ -138,10 +138,12 @@ def _duration(loaded: Loaded, stop: float | None, t0: float) -> float:
     return end - t0
 
 
-def _print_check(system: System, duration: float, t0: float, record: tuple[str, ...]) -> None:
+def _print_check(
+    system: System, duration: float, t0: float, record: tuple[str, ...], *, in_process: bool
+) -> None:
     from co_sim.coupling_check import check_coupling
 
-    click.echo(str(check_coupling(system, duration, t0=t0, patterns=record or ("*",))))
+    click.echo(str(check_coupling(system, duration, t0=t0, patterns=record or ("*",), in_process=in_process)))
     click.echo()
 
 

@@ -46,7 +46,7 @@ Examples:
   wheelset run adhesion-drop --out drop     the other packaged scenario, results in ./drop
   wheelset scenario default > mine.toml     a scenario file to start from
   wheelset run mine.toml --out mine
-  wheelset inspect vehicle.fmu              ports, units and capabilities of any FMU
+  wheelset inspect vehicle.fmu              ports, units and capabilities of any FMU or SSP
   wheelset check vehicle.fmu                everything that is wrong with it
 """,
 )
@@ -84,13 +84,14 @@ Writes to DIR:
     help="Folder for the results.  [default: results/SCENARIO]",
 )
 @click.option("--seed", type=click.IntRange(min=0), help="Use this seed instead of the scenario's.")
-def run(scenario: str, out: Path | None, seed: int | None) -> None:
+@click.option("--in-process", is_flag=True, help="Run in this process, without protection; for debugging.")
+def run(scenario: str, out: Path | None, seed: int | None, in_process: bool) -> None:
     """Run SCENARIO: a packaged scenario by name (`default`, `adhesion-drop`) or a TOML file.
 
     `bogie` runs two wheelset FMUs under a frame of another exporter.
     """
     if scenario == "bogie":
-        _run_bogie(out or Path("results") / "bogie", seed)
+        _run_bogie(out or Path("results") / "bogie", seed, in_process=in_process)
         return
     from co_sim.wheelset.experiment import Laboratory
     from co_sim.wheelset.output import check_folder, write
@@ -103,12 +104,11 @@ def run(scenario: str, out: Path | None, seed: int | None) -> None:
         name = Path(scenario).stem
         out = out or Path("results") / name
         check_folder(out)
-        experiment = _simulate(Laboratory(loaded, name, folder))
+        experiment = _simulate(Laboratory(loaded, name, folder, in_process=in_process))
     except InputError as error:
         _refuse(error)
     except RunError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(1)
+        _stop(error)
     with Console(stderr=True).status("Drawing figures and writing the report"):
         write(experiment, out)
     console = Console(highlight=False)
@@ -118,10 +118,12 @@ def run(scenario: str, out: Path | None, seed: int | None) -> None:
     stopped = [f"{r.name}: {r.stopped}" for r in experiment.runs if r.stopped]
     for line in stopped:
         click.echo(f"stopped early, {line}", err=True)
+    if any(run.interrupted for run in experiment.runs):
+        sys.exit(130)
     sys.exit(1 if stopped else 0)
 
 
-def _run_bogie(out: Path, seed: int | None) -> None:
+def _run_bogie(out: Path, seed: int | None, *, in_process: bool) -> None:
     from co_sim.wheelset.bogie.run import prepare
     from co_sim.wheelset.output import check_folder
 
@@ -129,7 +131,7 @@ def _run_bogie(out: Path, seed: int | None) -> None:
     try:
         check_folder(out)
         with status:
-            bogie = prepare(out, 1 if seed is None else seed)
+            bogie = prepare(out, 1 if seed is None else seed, in_process=in_process)
             click.echo(_choice_table(bogie.choice))
             status.update("Running the bogie")
             bogie.write_system(out)
@@ -137,8 +139,7 @@ def _run_bogie(out: Path, seed: int | None) -> None:
     except InputError as error:
         _refuse(error)
     except RunError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(1)
+        _stop(error)
     click.echo(f"\n{out / 'report.html'} has the figures, {out / 'bogie.ssp'} the system for other tools")
 
 
@@ -303,6 +304,12 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         sys.stderr.close()
         sys.exit(0)
     sys.exit(0)
+
+
+def _stop(error: RunError) -> NoReturn:
+    for line in (f"error: {error}", *getattr(error, "__notes__", ())):
+        click.echo(line, err=True)
+    sys.exit(1)
 
 
 def _refuse(error: Exception) -> NoReturn:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
 import subprocess
 import sys
 from importlib.metadata import version
@@ -197,6 +198,31 @@ def test_interrupt_leaves_nothing_half_written(
     assert call("run", str(tmp_path / "x.toml"), "--out", str(tmp_path / "out")) == 130
     assert capsys.readouterr().err.strip() == "interrupted; files that are there are complete"
     assert [p.name for p in tmp_path.iterdir()] == ["x.toml"]
+
+
+def test_an_interrupt_in_a_watched_run_keeps_the_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from co_sim.wheelset import cli
+
+    begun = 0
+
+    def begin(self: object, *_: object) -> None:
+        nonlocal begun
+        begun += 1
+
+    def interrupted(self: object, k: int, t: float, bus: object) -> None:
+        if begun == 4 and k > 1000:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(cli._ProgressBar, "begin", begin)
+    monkeypatch.setattr(cli._ProgressBar, "observe", interrupted)
+    (tmp_path / "x.toml").write_text(SHORT, encoding="utf-8")
+    assert call("run", str(tmp_path / "x.toml"), "--out", str(tmp_path / "out")) == 130
+    assert "stopped early, P1: interrupted at t = " in capsys.readouterr().err
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert [run["stopped"][:11] for run in summary["runs"]] == ["interrupted"]
+    assert "interrupted at" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("fmi", ["2", "3"])
