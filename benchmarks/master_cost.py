@@ -43,6 +43,8 @@ CASES: tuple[Callable[[Path], Case], ...] = (
 )
 #: Steps after which trajectories are compared.
 CHECKED = 2000
+#: The floor and the two loops of this package, the first ones of all.
+_N_OWN = 3
 #: A fast master runs again and again for so long in each round, s; its fastest run counts.
 TURN = 0.2
 
@@ -97,9 +99,8 @@ def entries() -> list[Entry]:
     ]
 
 
-def run_case(case: Case, steps: int, rounds: int, console: Console) -> list[Entry]:
-    """Time all masters on a case."""
-    contenders = entries()
+def run_case(case: Case, contenders: list[Entry], steps: int, rounds: int, console: Console) -> None:
+    """Time masters on a case, the floor first."""
     try:
         reference = _open(contenders[0], case)
         for entry in contenders[1:]:
@@ -111,7 +112,6 @@ def run_case(case: Case, steps: int, rounds: int, console: Console) -> list[Entr
         for entry in contenders:
             if entry.worker:
                 entry.worker.close()
-    return contenders
 
 
 def _open(floor: Entry, case: Case) -> Trajectory:
@@ -203,12 +203,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--steps", type=int, default=50_000)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--own", action="store_true", help="the floor and this package only")
     options = parser.parse_args()
     console = Console(width=150, highlight=False)
     with tempfile.TemporaryDirectory() as folder:
         cases = [build(_made(Path(folder) / str(i))) for i, build in enumerate(CASES)]
         for case in cases:
-            contenders = run_case(case, options.steps, options.rounds, console)
+            contenders = entries()[: _N_OWN if options.own else None]
+            run_case(case, contenders, options.steps, options.rounds, console)
             console.print(table(case, contenders, options.steps))
             console.print(*notes(contenders), "", sep="\n", soft_wrap=True)
         costs = python_component(cases[0], options.steps, options.rounds)

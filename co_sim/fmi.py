@@ -102,6 +102,7 @@ class Slave(ABC):
         self._worst = 0
         self._states: set[int] = set()
         self._dropped: deque[int] = deque()
+        self._owned: list[NDArray[np.int64]] = []
         #: Whether the initialisation is over.
         self.is_stepping = False
         #: Whether no earlier state will be restored, which an FMU may want to know in `do_step`.
@@ -195,6 +196,10 @@ class Slave(ABC):
         """Have a state freed; any thread may do so, at any time, so that it happens later."""
         self._dropped.append(pointer)
 
+    def own(self, kept: NDArray[np.int64]) -> None:
+        """Free at the end the state whose pointer an array then has, if it has one."""
+        self._owned.append(kept)
+
     def serialize(self, pointer: int) -> bytes:
         """Return a state as bytes."""
         size = c_size_t()
@@ -217,6 +222,7 @@ class Slave(ABC):
         if self._worst >= _FATAL:
             return  # Not even freeing is allowed then.
         try:
+            self._states.update(int(kept[0]) for kept in self._owned if kept[0])
             self._dropped.extend(self._states)
             if self._fmu.component:
                 self._free_states()

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from co_sim.fmi import Slave
     from co_sim.fmu_parameters import Value
     from co_sim.local_model import LocalModel
-    from co_sim.native import NativeStep
+    from co_sim.native import NativeState, NativeStep
     from co_sim.units import Unit
 
 __all__ = ["ContinuousState", "FmuComponent", "StepSizeWarning"]
@@ -265,6 +265,11 @@ class FmuComponent(NativeComponent):
         except FmuError as error:
             raise StateError(str(error)) from error
         self._bound.memory = own.memory
+
+    def native_state(self) -> NativeState | None:
+        """Return the calls that keep the state and go back to it."""
+        self._require("canGetAndSetFMUstate")
+        return self._bound.native_state()
 
     def serialize(self, state: object) -> bytes:
         """Return a state of `save` as bytes that another run of the same FMU takes."""

@@ -23,7 +23,7 @@ from co_sim.component import StateError
 from co_sim.dependencies import looped_components
 from co_sim.errors import InputError, RunError
 from co_sim.initial import settle
-from co_sim.iterated import IteratedLoop
+from co_sim.iterated import CompiledIteratedLoop, IteratedLoop
 from co_sim.layout import lay_out
 from co_sim.loops import CompiledLoop, InterpretedLoop
 from co_sim.snapshot import Snapshot, read_snapshot, write_snapshot
@@ -46,7 +46,9 @@ __all__ = ["CouplingWarning", "Master", "checked_count", "ending", "longest_bloc
 
 #: Blocks are made as long as this, s: short enough for an interrupt, long enough to cost nothing.
 _BLOCK_TIME = 0.02
+#: Steps in the first block, and how many times longer than the last one a block may be.
 _FIRST_BLOCK = 1
+_GROWTH_OF_BLOCKS = 16.0
 
 
 class CouplingWarning(UserWarning):
@@ -97,6 +99,7 @@ class Master:
         self.k = 0
         self.observers = tuple(observers)
         self.signals = system.signals
+        self._looped = looped_components(system)
         self._compiled = compiled
         self._quiet = quiet
         self._layout = lay_out(system)
@@ -179,9 +182,9 @@ class Master:
         row[:] = self._layout.first_row
         settle(self.system, self._layout, row, self._exchange)
         self._check_start(row)
-        self._loop = self._new_loop()
         if self.system.coupling.algorithm == "iterated":
-            self.save()  # tells now which component cannot be taken back
+            self._saved_states()  # tells now which component cannot be taken back
+        self._loop = self._new_loop()
 
     def enter_steps(self) -> None:
         """End the initialisation, as the first step would; starts the components if need be."""
@@ -248,12 +251,16 @@ class Master:
         """
         self.start()
         assert self._loop is not None
+        states = self._saved_states()
+        rows = self._rows[self._row - self._layout.history : self._row + 1].copy()
+        return Snapshot(self.k, rows, self._layout.u.copy(), states, self._begun, self._loop.scale.copy())
+
+    def _saved_states(self) -> dict[str, object]:
         states = {}
         for name, component in self.system.components.items():
             with _telling_state_of(name):
                 states[name] = component.save()
-        rows = self._rows[self._row - self._layout.history : self._row + 1].copy()
-        return Snapshot(self.k, rows, self._layout.u.copy(), states, self._begun, self._loop.scale.copy())
+        return states
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back, or on, to a state of `save`; may be done any number of times.
@@ -317,13 +324,14 @@ class Master:
 
     def _new_loop(self) -> Loop:
         if self.system.coupling.algorithm == "iterated":
-            return IteratedLoop(self._layout, self.t0, self.h, self.system.coupling, self._table.progress)
+            iterated = CompiledIteratedLoop if self._compiled else IteratedLoop
+            return iterated(self._layout, self.t0, self.h, self.system.coupling, self._table.progress)
         kind = CompiledLoop if self._compiled else InterpretedLoop
         return kind(self._layout, self.t0, self.h, self._table.progress)
 
     def _observed(self, count: int) -> Growth | None:
         """Make `count` steps in blocks that the observers see; return what was still growing at the end."""
-        watch = Watch(self.system)
+        watch = Watch(self.system, self._looped)
         begin = self.k
         self._show(0, self._row, 1)
         block = _FIRST_BLOCK
@@ -341,7 +349,8 @@ class Master:
                 name = self.signals[growth.column].component
                 raise RunError(name, time=self.t0 + step * self.h, step=step, reason=reason)
             elapsed = time.perf_counter() - started
-            block = max(min(int(block * min(_BLOCK_TIME / max(elapsed, 1e-9), 4.0)), LONGEST_BLOCK), 1)
+            longer = min(_BLOCK_TIME / max(elapsed, 1e-9), _GROWTH_OF_BLOCKS)
+            block = max(min(int(block * longer), LONGEST_BLOCK), 1)
         return watch.unfinished()
 
     def _advance_and_show(self, n: int, begin: int) -> None:
@@ -421,7 +430,7 @@ class Master:
     def _not_finite(self, column: int, row: Vector, t: float) -> RunError:
         signal = self.signals[column]
         reason = f"{signal.name} became {row[column]} at t = {t:g} s"
-        if self.k > 0 and signal.component in looped_components(self.system):
+        if self.k > 0 and signal.component in self._looped:
             reason += f"; {advice(self.system.coupling, self.h)}"
         return self._run_error(signal.component, reason)
 

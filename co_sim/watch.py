@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from co_sim.dependencies import looped_components
+from co_sim.native import doubles_at
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,7 +64,7 @@ class Growth:
         )
 
 
-#: What is known of each watched signal on each level: largest magnitude in the present window and in the
+#: What is known of each signal on each level: largest magnitude in the present window and in the
 #: last; of its streak the value and the time where it began, its number of windows, and its largest growth
 #: from one window to the next.
 _PEAK, _LAST, _BASE, _BASE_TIME, _LENGTH, _JUMP = range(6)
@@ -87,10 +87,28 @@ def _close_window(levels: Tensor, level: int, time: float) -> None:
 
 
 @register_jitable
-def _fastest(levels: Tensor, level: int, least: float) -> int:
-    """Return the signal that has grown most on a level, if by more than `least` without its jump, else -1."""
+def _raise_peaks(rows: Matrix, begin: int, end: int, first: int, peaks: Vector) -> None:
+    """Raise the peaks of the columns from `first` to the magnitudes in the rows from `begin` to `end`."""
+    # Pointers, and four rows at once, side by side in vector registers; the last stands in for missing ones.
+    width, n = rows.shape[1], len(peaks)
+    values, peak = doubles_at(rows.ctypes.data), doubles_at(peaks.ctypes.data)
+    for r in range(begin, end, 4):
+        a = r * width + first
+        b = min(r + 1, end - 1) * width + first
+        c = min(r + 2, end - 1) * width + first
+        d = min(r + 3, end - 1) * width + first
+        for i in range(n):
+            x, y, z, w = abs(values[a + i]), abs(values[b + i]), abs(values[c + i]), abs(values[d + i])
+            x, z = x if x > y else y, z if z > w else w
+            x = x if x > z else z
+            peak[i] = x if x > peak[i] else peak[i]
+
+
+@register_jitable
+def _fastest(levels: Tensor, level: int, columns: Integers, least: float) -> int:
+    """Return the column that has grown most on a level, if by more than `least` without its jump, else -1."""
     found = -1
-    for i in range(levels.shape[2]):
+    for i in columns:
         if levels[level, _LENGTH, i] >= _LONG[level] and levels[level, _BASE, i] > 0.0:
             factor = levels[level, _LAST, i] / levels[level, _BASE, i] / levels[level, _JUMP, i]
             if factor > least:
@@ -105,27 +123,22 @@ def _see(
     t0: float,
     h: float,
     divergence: float,
+    first: int,
     columns: Integers,
     levels: Tensor,
     filled: Integers,
     times: Vector,
 ) -> tuple[int, int, int]:
-    """Take rows in; return the row at which a signal diverged, its level and number, or -1.
+    """Take rows in; return the row at which a signal diverged, its level and column, or -1.
 
-    Windows of a level are made of those of the level below; `filled` tells of how many so far, `times` when
-    the last one ended.
+    Columns count from the `first` one. Windows of a level are made of those of the level below; `filled`
+    tells of how many so far, `times` when the last one ended.
     """
     done = 0
     while done < len(rows):
         begin, done = done, min(done + _WINDOW - filled[0], len(rows))
         filled[0] += done - begin
-        for i in range(len(columns)):
-            peak = levels[0, _PEAK, i]
-            for r in range(begin, done):
-                magnitude = abs(rows[r, columns[i]])
-                if magnitude > peak:  # noqa: PLR1730 - twice as fast as max
-                    peak = magnitude
-            levels[0, _PEAK, i] = peak
+        _raise_peaks(rows, begin, done, first, levels[0, _PEAK])
         for level in range(_LEVELS):
             if filled[level] < (_RATIO if level else _WINDOW):
                 break
@@ -133,7 +146,7 @@ def _see(
             if level + 1 < _LEVELS:
                 filled[level + 1] += 1
             _close_window(levels, level, times[level])
-            worst = _fastest(levels, level, divergence)
+            worst = _fastest(levels, level, columns, divergence)
             if worst >= 0 and levels[level, _LAST, worst] > divergence:
                 return done - 1, level, worst
     return -1, -1, -1
@@ -144,16 +157,19 @@ class Watch:
 
     Parameters
     ----------
-    system : whose components that act back on themselves are watched: where nothing comes back, no
+    system : of the run.
+    looped : its components that act back on themselves. They are watched: where nothing comes back, no
         coupling can be unstable, and a part that grows on its own account is the user's affair.
     """
 
-    def __init__(self, system: System) -> None:
-        looped = looped_components(system)
+    def __init__(self, system: System, looped: set[str]) -> None:
         self._signals = system.signals
-        self._columns = np.flatnonzero([signal.component in looped for signal in self._signals])
+        columns = np.flatnonzero([signal.component in looped for signal in self._signals])
+        self._first = int(columns[0]) if columns.size else 0
+        #: Watched, from the first one on; what lies between them is looked at too, as that is faster.
+        self._columns = columns - self._first
         self._divergence = float(system.coupling.divergence)
-        self._levels = np.zeros((_LEVELS, 6, len(self._columns)))
+        self._levels = np.zeros((_LEVELS, 6, self._columns[-1] + 1 if columns.size else 0))
         self._levels[:, _LAST], self._levels[:, _JUMP] = np.inf, 1.0
         self._filled = np.zeros(_LEVELS, dtype=np.int64)
         self._times = np.zeros(_LEVELS)
@@ -164,7 +180,16 @@ class Watch:
         if self._idle:
             return None
         row, level, i = _see(
-            rows, k, t0, h, self._divergence, self._columns, self._levels, self._filled, self._times
+            rows,
+            k,
+            t0,
+            h,
+            self._divergence,
+            self._first,
+            self._columns,
+            self._levels,
+            self._filled,
+            self._times,
         )
         return None if row < 0 else (k + row, self._growth(level, i))
 
@@ -172,13 +197,13 @@ class Watch:
         """Return what had been growing remarkably, and still was at the end of the run."""
         if self._idle:
             return None
-        fastest = [(level, _fastest(self._levels, level, _REMARKABLE)) for level in range(_LEVELS)]
-        found = [self._growth(level, i) for level, i in fastest if i >= 0]
+        fastest = [_fastest(self._levels, level, self._columns, _REMARKABLE) for level in range(_LEVELS)]
+        found = [self._growth(level, i) for level, i in enumerate(fastest) if i >= 0]
         return max(found, key=lambda growth: growth.factor, default=None)
 
     def _growth(self, level: int, i: int) -> Growth:
         _, last, base, since, *_ = (float(value) for value in self._levels[level, :, i])
-        column = int(self._columns[i])
+        column = self._first + i
         name = self._signals[column].name
         return Growth(column, name, since, float(self._times[level]), last / base, last)
 
