@@ -49,7 +49,13 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_files_that_a_run_writes(results: Path) -> None:
-    assert {p.name for p in results.iterdir()} == {"results.csv", "summary.json", "report.html", "figures", "logs"}
+    assert {p.name for p in results.iterdir()} == {
+        "results.csv",
+        "summary.json",
+        "report.html",
+        "figures",
+        "logs",
+    }
     figures = {p.name for p in (results / "figures").iterdir()}
     assert {
         "fig2_creep_curve.png",
