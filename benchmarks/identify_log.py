@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -107,8 +108,8 @@ def main() -> None:
             identifier = linear_bank(n)
             identify_rows(identifier, log, rows[:1])
             tell(
-                f"{n} linear filters, (15), fuzzy system", best(lambda: identify_rows(identifier, log, rows))
-            )  # noqa: B023
+                f"{n} linear filters, (15), fuzzy system", best(partial(identify_rows, identifier, log, rows))
+            )
         if "--without-adhesion" in sys.argv:
             return
         short = replace(settings, bank="adhesion")

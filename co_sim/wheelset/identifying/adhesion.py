@@ -12,9 +12,10 @@ from estimator import ERRI_B176
 
 if TYPE_CHECKING:
     from co_sim.wheelset.identifying.results import Settings
+    from estimator.adhesion import AdhesionIdentification
     from estimator.log import Log
 
-__all__ = ["run_adhesion_bank"]
+__all__ = ["answer_of", "run_adhesion_bank"]
 
 #: How often the bank weighs its evidence, s.
 _BLOCK = 0.01
@@ -45,7 +46,11 @@ def run_adhesion_bank(log: Log, settings: Settings) -> Answer:
         track=ERRI_B176[settings.track],
         h=log.h,
     )
-    said = bank.run(log, every=settings.every)
+    return answer_of(bank.run(log, every=settings.every), log)
+
+
+def answer_of(said: AdhesionIdentification, log: Log) -> Answer:
+    """Return what the adhesion bank said about a log, in the form that all banks have in common."""
     return Answer(
         bank="adhesion",
         time=said.time,

@@ -5,11 +5,13 @@ from __future__ import annotations
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
+from co_sim.wheelset.identifying.adhesion import answer_of
 from co_sim.wheelset.identifying.paper import PaperBank
 from co_sim.wheelset.identifying.vehicle import Vehicle
 from co_sim.wheelset.recordings import record
 from co_sim.wheelset.studies.scoring import score
 from co_sim.wheelset.studies.trial import NOISE
+from estimator import ERRI_B176
 from estimator.log import Log
 
 if TYPE_CHECKING:
@@ -45,12 +47,17 @@ def evaluate(case: Case, banks: tuple[str, ...], window: float) -> dict[str, Any
     return score(recording, trial, answers, window)
 
 
-def _log(recording: Recording, speed_error: float = 1.0, torque_error: float = 1.0) -> Log:
+def _log(
+    recording: Recording,
+    speed_error: float = 1.0,
+    torque_error: float = 1.0,
+    biases: tuple[float, float] = (0.0, 0.0),
+) -> Log:
     """Return what the filters are told."""
     return Log(
         time=recording.time,
-        yaw_rate=recording.yaw_rate,
-        lateral_acceleration=recording.lateral_acceleration,
+        yaw_rate=recording.yaw_rate - biases[0],
+        lateral_acceleration=recording.lateral_acceleration - biases[1],
         speed=recording.speed * speed_error,
         # With an imposed creep no torque is known.
         traction_torque=None
@@ -67,6 +74,35 @@ def _noise(trial: Trial) -> tuple[float, float]:
 
 def _track(trial: Trial) -> str:
     return trial.track if trial.assumed_track == "same" else trial.assumed_track
+
+
+def _adhesion(recording: Recording, trial: Trial, window: float | None) -> Answer:
+    from estimator.adhesion.bank import AdhesionBank, SensorNoise
+
+    log = _log(recording, trial.speed_error, trial.torque_error)
+    noise, track = SensorNoise(*_noise(trial)), ERRI_B176[_track(trial)]
+    return answer_of(AdhesionBank(noise=noise, track=track, h=log.h, window=window).run(log, workers=1), log)
+
+
+def _recursive(recording: Recording, trial: Trial, window: float) -> Answer:
+    return _adhesion(recording, trial, None)
+
+
+def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
+    """Return what can be said by one who knows the plant as it is."""
+    from estimator.adhesion.bank import AdhesionBank, SensorNoise
+
+    # A bias that is known is subtracted.
+    log = _log(recording, biases=(trial.gyro_bias, trial.accelerometer_bias))
+    bank = AdhesionBank(
+        wheelset=trial.wheelset,
+        noise=SensorNoise(trial.noise * NOISE[0], trial.noise * NOISE[1]),
+        track=ERRI_B176[trial.track],
+        h=log.h,
+        window=window,
+        friction=0.0,
+    )
+    return answer_of(bank.run(log, workers=1), log)
 
 
 def _paper(recording: Recording, trial: Trial, window: float) -> Answer:
@@ -89,4 +125,9 @@ def _paper_filters(
     return PaperBank(log, Vehicle(), noise, track).design()
 
 
-_LOOK: dict[str, Callable[[Recording, Trial, float], Answer]] = {"paper": _paper}
+_LOOK: dict[str, Callable[[Recording, Trial, float], Answer]] = {
+    "adhesion": _recursive,
+    "window": _adhesion,
+    "paper": _paper,
+    "matched": _matched,
+}

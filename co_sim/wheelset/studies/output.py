@@ -97,9 +97,10 @@ def _distribution(draw: Any) -> str:
 
 
 _MEANING = {
-    "adhesion": "adhesion: extended Kalman filters with the nominal parameters",
+    "adhesion": "adhesion: extended Kalman filters with the nominal parameters, evidence that fades",
+    "window": "window: the same with the evidence of one window",
     "paper": "paper: the three filters of Hussain et al. on the dry curve",
-    "bound": "bound: the adhesion bank that knows the parameters, noise and track of the plant",
+    "matched": "matched: as window, with the parameters, noise and track of the plant",
 }
 
 

@@ -70,12 +70,12 @@ def _accuracy(study: Study, findings: Findings, what: str, banks: Sequence[str])
         for bank, all_, some in zip(banks, overall, trusted, strict=True)
         if some.windows
     ]
-    if {"adhesion", "bound"} <= set(banks):
-        reached, bound = (overall[banks.index(bank)].value for bank in ("adhesion", "bound"))
+    if {"adhesion", "matched"} <= set(banks):
+        reached, matched = (overall[banks.index(bank)].value for bank in ("adhesion", "matched"))
         words.append(
-            f"That is {percent(min(reached / bound, 1.0))} of what the bank that knows the plant reaches. "
-            "Its parameters, noise and track are those of the plant; what it cannot tell, nobody can by "
-            "these measurements and this evidence."
+            f"The adhesion bank reaches {percent(reached / matched)} of what the matched one does, which "
+            "knows the parameters, noise and track of the plant: the likelihood of the exact model, as far as an "
+            "extended Kalman filter has it."
         )
     axes = _grid_axes(study, findings, what, banks)
     names = CLASSES[what]

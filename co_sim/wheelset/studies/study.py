@@ -21,9 +21,11 @@ if TYPE_CHECKING:
 
 __all__ = ["BANKS", "Study", "load_study", "packaged_studies"]
 
-Bank = Literal["adhesion", "paper", "bound"]
-#: The banks that a study can compare. ``bound`` knows the plant as it is; no bank can know more.
-BANKS: tuple[Bank, ...] = ("adhesion", "paper", "bound")
+Bank = Literal["adhesion", "window", "paper", "matched"]
+#: The banks that a study can compare: the adhesion bank of `wheelset identify`, whose evidence fades; the
+#: same with the evidence of one window; the bank of the paper; and one that knows the plant as it is, with
+#: the evidence of one window: the likelihood of the exact model, as far as extended Kalman filters have it.
+BANKS: tuple[Bank, ...] = ("adhesion", "window", "paper", "matched")
 
 
 class Study(Plan):

@@ -136,7 +136,7 @@ def tables(dropped):
         late = 3.2 if case.variant == "as it is" else 4.3
         answers = {
             "adhesion": answer_with(time, np.where(time > late, 0.97, 0.02)),
-            "bound": answer_with(time, np.where(time > 3.05, 0.99, 0.01)),
+            "matched": answer_with(time, np.where(time > 3.05, 0.99, 0.01)),
         }
         said = score(recording, trial, answers)
         columns = said.pop("windows")
@@ -163,19 +163,19 @@ def row(case, said):
 
 
 def replace_banks(study):
-    return study.model_copy(update={"banks": ("adhesion", "bound")})
+    return study.model_copy(update={"banks": ("adhesion", "matched")})
 
 
 def test_findings_are_what_was_put_in(tables):
     study, cases, windows = tables
     findings = Findings(cases, windows, study.banks, tuple(study.variant))
-    assert findings.accuracy("bound", "condition").value == 1.0
+    assert findings.accuracy("matched", "condition").value == 1.0
     assert findings.accuracy("adhesion", "condition").value == pytest.approx(18 / 20)
     assert findings.confusion("adhesion", "condition")[2].tolist() == [2, 0, 10, 0]
     assert findings.latency("adhesion").quantile(0.5) == pytest.approx(0.21)
     assert findings.latency("adhesion").quantile(0.95) == pytest.approx(1.31)
     assert findings.losses("adhesion", "condition")["heavy"][0] == pytest.approx(-0.2)
-    assert findings.false_alarms("bound").events == 0
+    assert findings.false_alarms("matched").events == 0
     assert [row["case"] for row in findings.failures] == [4]
 
 
