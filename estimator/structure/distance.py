@@ -126,7 +126,8 @@ def local_minimum(
     starts: Complex,
     keep: Callable[[Complex], Complex] = lambda s: s,
     *,
-    steps: int = 200,
+    steps: int = 100,
+    precision: float = 1e-4,
 ) -> tuple[float, complex]:
     """Return the least local minimum ``(value, s)`` of ``sigma_min([A - s I, B])`` below some starts.
 
@@ -136,12 +137,14 @@ def local_minimum(
     Parameters
     ----------
     starts : (k,). keep : returns the nearest point of the region to search. steps : at most so many.
+    precision : relative gain of a step below which the search ends.
     """
     s, values = keep(starts), np.full(starts.size, np.inf)
+    zero = _EPS * float(np.linalg.norm(A, 2))
     for _ in range(steps):
         _, sizes, Vh = np.linalg.svd(_pencils(A, B, s), full_matrices=False)
         u, before, values = Vh[:, -1], values, sizes[:, -1]
-        if np.all(before - values <= 1e-4 * values):
+        if np.min(values) <= zero or np.all(before - values <= precision * values):
             break
         s = keep(np.einsum("ki,ij,kj->k", u.conj(), A, u))
     best = int(np.argmin(_smallest(A, B, s)))
@@ -175,7 +178,9 @@ def nearest_loss(
         centres = (centres[floors < (1.0 - within) * best, None] + corners).ravel()
         if best <= zero:
             return best, 0.0, s
-    return best, (1.0 - within) * best, s
+    lower = (1.0 - within) * best
+    best, s = local_minimum(A, B, np.array([s]), keep, precision=1e-8)
+    return best, lower, s
 
 
 def _cover(A: Array, best: float) -> tuple[Complex, float]:

@@ -214,9 +214,9 @@ def _riccati(part: LinearSystem, root: Array, R: Array, scales: Scales) -> tuple
     A, G = part.A / x[:, None] * x, part.B @ root / x[:, None]
     C = linalg.solve_triangular(np.linalg.cholesky(R), part.C * x, lower=True)
     Q, S = G @ G.T, C.T @ C
-    # P is of the size of level where both terms of the equation are alike.
-    sizes = [max(float(np.linalg.norm(M, 2)), 1e-300) for M in (Q, S)]
-    level = math.sqrt(sizes[0] / sizes[1])
+    # P is of the size of level where noise and measurement balance, or growth and measurement.
+    q, a, c = (float(np.linalg.norm(M, 2)) for M in (Q, A, S))
+    level = max(math.sqrt(q / c), 1e-4 * a / c) if c > 0.0 else 1.0
     Q, C, one = Q / level, C * np.sqrt(level), np.eye(len(part.outputs))
     if part.sampled:
         P = linalg.solve_discrete_are(A.T, C.T, Q, one) * level
