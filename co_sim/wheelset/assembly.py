@@ -31,8 +31,9 @@ if TYPE_CHECKING:
     from co_sim.wheelset.scenario import Rail, Scenario
     from co_sim.wheelset.track import TrackProfile
     from estimator import Identifier
+    from fmu_wheelset import WheelsetParameters
 
-__all__ = ["MEASURED", "Case", "assemble", "sampling_period"]
+__all__ = ["MEASURED", "Case", "assemble", "plant_parameters", "sampling_period"]
 
 #: What each sensor measures: output of the plant and its unit, in the order of (14).
 MEASURED = dict(zip(("gyro", "accelerometer"), MEASUREMENTS, strict=True))
@@ -119,17 +120,25 @@ def _wires(rail: Component) -> Iterator[Connection]:
 
 def _plant(scenario: Scenario, case: Case) -> FmuComponent:
     """Return the wheelset FMU with the scenario's parameters."""
-    wheelset = scenario.parameters
     parameters: dict[str, float | int | bool | str] = {
         "drive_mode": case.mode,
         "initial_creepage": case.creep,
+        **plant_parameters(scenario.parameters),
     }
-    for owner, prefix in ((wheelset, ""), (wheelset.patch, "patch.")):
-        for declared in fields(owner):
-            # The normal load is an input of the FMU, so that a vehicle could supply it.
-            if "unit" in declared.metadata and declared.name != "N":
-                parameters[prefix + declared.name] = getattr(owner, declared.name)
     return FmuComponent(path(fmi=scenario.fmu.version), outputs=_OUTPUTS, parameters=parameters)
+
+
+def plant_parameters(wheelset: WheelsetParameters) -> dict[str, float]:
+    """Return the parameters of the FMU by its names.
+
+    The normal load is an input of the FMU, so that a vehicle could supply it.
+    """
+    return {
+        prefix + declared.name: getattr(owner, declared.name)
+        for owner, prefix in ((wheelset, ""), (wheelset.patch, "patch."))
+        for declared in fields(owner)
+        if "unit" in declared.metadata and declared.name != "N"
+    }
 
 
 def _drive(scenario: Scenario, case: Case) -> TimeTable:
