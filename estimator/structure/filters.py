@@ -170,10 +170,11 @@ def _excitation(part: LinearSystem, root: Array, scales: Scales, tolerance: floa
 def _all_met(found: tuple[ModeMargin, ...], verb: str, verbs: str) -> Verdict:
     """Return whether every mode that does not decay is met."""
     lost = tuple(m for m in found if m.lost and m.mode.behaviour != "decays")
-    names = ", ".join(found[0].signals) if found and found[0].signals else "nothing"
+    signals = found[0].signals if found else ()
+    names = " and ".join(filter(None, [", ".join(signals[:-1]), *signals[-1:]])) or "no signal"
     if lost:
         return Verdict(False, f"{names} cannot {verb} {_listed(lost)}", lost)
-    return Verdict(True, f"{names} {verbs} every mode that does not decay")
+    return Verdict(True, f"{names} {verb if len(signals) > 1 else verbs} every mode that does not decay")
 
 
 def _listed(margins: tuple[ModeMargin, ...]) -> str:

@@ -82,7 +82,7 @@ def test_at_the_peak_there_is_no_steady_filter(condition: str, wheelset: Wheelse
     )
     f = steady_filter(p2, W, R)
     assert f.exists.reason == (
-        "no steady filter: yaw_rate, lateral_acceleration cannot see the integrator y_rel"
+        "no steady filter: yaw_rate and lateral_acceleration cannot see the integrator y_rel"
     )
     assert observability_rank(p2).hidden_states == ("y_t", "y_rel")
     assert steady_filter(p1, W, R).exists
