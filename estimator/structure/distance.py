@@ -115,9 +115,14 @@ def _distance(
     return Distance(value / scale, lower / scale, s / time, part.inputs, region)
 
 
+def smallest(A: Array, B: Array, s: Complex) -> Array:
+    """Return the smallest singular value of ``[A - s I, B]`` at each s (k,)."""
+    return np.asarray(np.linalg.svd(_pencils(A, B, s), compute_uv=False)[..., -1])
+
+
 def smallest_at(A: Array, B: Array, s: complex) -> float:
     """Return the smallest singular value of ``[A - s I, B]``."""
-    return float(_smallest(A, B, np.array([s]))[0])
+    return float(smallest(A, B, np.array([s]))[0])
 
 
 def local_minimum(
@@ -147,7 +152,7 @@ def local_minimum(
         if np.min(values) <= zero or np.all(before - values <= precision * values):
             break
         s = keep(np.einsum("ki,ij,kj->k", u.conj(), A, u))
-    best = int(np.argmin(_smallest(A, B, s)))
+    best = int(np.argmin(smallest(A, B, s)))
     return smallest_at(A, B, s[best]), complex(s[best])
 
 
@@ -165,7 +170,7 @@ def nearest_loss(
     while centres.size:
         radius = half * np.sqrt(2.0)
         centres = centres[np.abs(keep(centres) - centres) <= radius]
-        values = _smallest(A, B, centres)
+        values = smallest(A, B, centres)
         seen += centres.size
         if values.size and np.min(values) < best:
             best, s = local_minimum(A, B, centres[[np.argmin(values)]], keep, steps=30)
@@ -220,10 +225,6 @@ def _floors(A: Array, B: Array, s: Complex, radius: float) -> Array:
     gap = np.maximum(gap, 0.0)
     coupling = np.where(gap > 0.0, 2.0 * radius**2 / (gap + np.hypot(gap, 2.0 * radius)), radius)
     return np.asarray(sizes[:, -1] - np.minimum(radius, slope * radius + coupling))
-
-
-def _smallest(A: Array, B: Array, s: Complex) -> Array:
-    return np.asarray(np.linalg.svd(_pencils(A, B, s), compute_uv=False)[..., -1])
 
 
 def _pencils(A: Array, B: Array, s: Complex) -> Complex:

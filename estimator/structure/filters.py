@@ -70,8 +70,7 @@ def stabilisable(
     tolerance: float = TOLERANCE,
 ) -> Verdict:
     """Return whether some inputs (all if ``None``) reach every mode that does not decay."""
-    found = controllability_margins(model, inputs, scales=scales, tolerance=tolerance)
-    return _all_met(found, "reach", "reaches")
+    return reach(controllability_margins(model, inputs, scales=scales, tolerance=tolerance))
 
 
 def detectable(
@@ -82,8 +81,17 @@ def detectable(
     tolerance: float = TOLERANCE,
 ) -> Verdict:
     """Return whether some outputs (all if ``None``) see every mode that does not decay."""
-    found = observability_margins(model, outputs, scales=scales, tolerance=tolerance)
-    return _all_met(found, "see", "sees")
+    return sight(observability_margins(model, outputs, scales=scales, tolerance=tolerance))
+
+
+def reach(margins: tuple[ModeMargin, ...]) -> Verdict:
+    """Return `stabilisable` where the margins are at hand."""
+    return _all_met(margins, "reach", "reaches")
+
+
+def sight(margins: tuple[ModeMargin, ...]) -> Verdict:
+    """Return `detectable` where the margins are at hand."""
+    return _all_met(margins, "see", "sees")
 
 
 def steady_filter(
