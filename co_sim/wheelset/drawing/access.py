@@ -106,7 +106,7 @@ def draw_singular_values(
 ) -> Sheet:
     """Draw singular values (set, condition, point, direction) as bars; a panel for each set and point."""
     longest = max(len(line) for name in names for line in _wrapped(name).split("\n"))
-    left, height, gap = 0.8 + 0.075 * longest, 0.72, 0.16
+    left, height, gap = 0.95 + 0.075 * longest, 0.72, 0.16
     sheet = Sheet(_WIDTH, _TOP + len(names) * (height + gap) + 0.72, title)
     width = (sheet.width - left - _RIGHT - 0.12 * (len(points) - 1)) / len(points)
     lowest = 10.0 ** np.floor(np.log10(np.nanmin(values, initial=1.0)))
@@ -124,6 +124,8 @@ def draw_singular_values(
             ax.set_xticks(range(1, values.shape[-1] + 1))
             ax.tick_params(labelleft=k == 0, labelbottom=s == len(names) - 1, labelsize=8.0)
             ax.grid(visible=False, axis="x")
+            if k == 0:
+                ax.set_ylabel("added", size=8.0)
             if s == 0:
                 ax.set_title(point, size=9.5, loc="left")
             if s == len(names) - 1:
