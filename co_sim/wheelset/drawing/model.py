@@ -81,13 +81,16 @@ def draw_margins(
     sheet = Sheet(8.2, height + 1.75, title)
     ax = sheet.axes(left, 1.05, sheet.width - left - 1.35, height)
     top = 10.0 ** np.ceil(np.log10(max(float(margins.max(initial=0.0)), 1e-300)))
-    shown = np.log10(np.clip(margins, top * 10.0**-_DECADES, None))
+    seen = margins[~lost]
+    least = 10.0 ** np.floor(np.log10(max(float(seen.min(initial=top)), top * 10.0**-_DECADES)))
+    low, high = np.log10(min(least, 0.1 * top)), np.log10(top)
+    shown = np.log10(np.clip(margins, 10.0**low, None))
     image = ax.imshow(
         np.ma.array(shown, mask=lost),
         aspect="auto",
         cmap="cividis",
-        vmin=np.log10(top) - _DECADES,
-        vmax=np.log10(top),
+        vmin=low,
+        vmax=high,
     )
     for i, j in np.argwhere(lost):
         ax.plot(j, i, marker="x", color=COLOURS[1], markersize=6.0, markeredgewidth=1.6)
@@ -97,7 +100,9 @@ def draw_margins(
     ax.set_xticks(range(len(modes)), labels, rotation=90 if len(modes) > 6 else 0, fontsize=8.0)
     ax.set_xlabel("mode: growth rate (1/s) ± angular frequency (rad/s); × lost")
     bar = sheet.axes(sheet.width - 1.15, 1.05, 0.16, height)
-    sheet.figure.colorbar(image, cax=bar, format=lambda value, _: power_of_ten(10.0**value))
+    span = max(round(high - low), 1)
+    ticks = np.arange(low, high + 0.5, -(-span // max(int(2.5 * height), 1)))
+    sheet.figure.colorbar(image, cax=bar, ticks=ticks, format=lambda value, _: power_of_ten(10.0**value))
     bar.set_ylabel("margin")
     return sheet
 
@@ -110,7 +115,7 @@ def _mode_label(mode: Mode) -> str:
 def draw_hankel(hankel: NDArray[np.float64], resolution: float, title: str) -> Sheet:
     """Draw Hankel singular values over the largest, with the level below which they are rounding."""
     sheet = Sheet(8.2, 3.2, title)
-    ax = sheet.axes(0.85, 0.55, sheet.width - 1.05, sheet.top - 0.65)
+    ax = sheet.axes(1.15, 0.55, sheet.width - 1.35, sheet.top - 0.65)
     order = np.arange(1, hankel.size + 1)
     shares = (
         np.maximum(hankel / hankel[0], 0.01 * resolution)

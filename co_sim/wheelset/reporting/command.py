@@ -203,7 +203,7 @@ def _on_model(
     from co_sim.wheelset.reporting.model_report import report_fmu
 
     with Console(stderr=True).status("Linearising and analysing"):
-        return report_fmu(model, at=at, settings=settings, inputs=inputs or None, outputs=outputs or ("*",))
+        return report_fmu(model, at=at, settings=settings, inputs=inputs or None, outputs=outputs or None)
 
 
 def _show(made: Report, folder: Path) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from co_sim.errors import InputError
 from co_sim.linearize import Linearization, linearize
 from co_sim.master import Master
 from co_sim.tool.loading import load, parse_settings, with_settings
-from co_sim.wheelset.prose.words import listed, quantity
+from co_sim.wheelset.prose.words import capital, listed, quantity
 from co_sim.wheelset.reporting.model_sections import model_sections
 from co_sim.wheelset.reporting.report import Report, with_images
 from estimator.structure import LinearSystem
@@ -47,6 +50,7 @@ def report_model(
     """
     system = _of(model) if isinstance(model, Linearization) else model
     system = system if isinstance(system, LinearSystem) else LinearSystem.of(system)
+    system, idle = _without_idle(system)
     sections, images = with_images(model_sections(system, input_sets, output_sets))
     kind = f"sampled every {quantity(system.dt, 's')}" if system.sampled else "continuous"
     size = (
@@ -54,7 +58,7 @@ def report_model(
     )
     return Report(
         title=title,
-        about=(*about, ("Model", size)),
+        about=(*about, ("Model", size), *([("Left out", _left_out(idle))] if idle else ())),
         setup={
             "states": list(system.states),
             "state_units": list(system.state_units),
@@ -74,14 +78,45 @@ def report_model(
     )
 
 
+def _left_out(idle: Sequence[str]) -> str:
+    return (
+        f"{capital(listed(idle))}: nothing moves {'them' if len(idle) > 1 else 'it'}, and nothing feels it."
+    )
+
+
 def _of(found: Linearization) -> LinearSystem:
+    """Return a linearised system with units; names of a system of one component do without the component."""
     m = found.model
+    owners = {name.partition(".")[0] for name in (*found.states, *found.inputs, *found.outputs)}
+
+    def short(names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(name.partition(".")[2] for name in names) if len(owners) == 1 else names
+
     return LinearSystem(
         *(m.A, m.B, m.C, m.D),
-        *(found.states, found.inputs, found.outputs),
+        *(short(found.states), short(found.inputs), short(found.outputs)),
         *(found.state_units, found.input_units, found.output_units),
         float(m.dt or 0.0),
     )
+
+
+def _without_idle(system: LinearSystem) -> tuple[LinearSystem, tuple[str, ...]]:
+    """Return the system without states that nothing moves and that move nothing, and their names."""
+    A = system.A
+    moves = A - np.eye(system.order) if system.sampled else A
+    moved = moves.any(axis=1) | system.B.any(axis=1)
+    felt = moves.any(axis=0) | system.C.any(axis=0)
+    kept = np.flatnonzero(moved | felt)
+    idle = tuple(name for i, name in enumerate(system.states) if i not in kept)
+    part = replace(
+        system,
+        A=A[np.ix_(kept, kept)],
+        B=system.B[kept],
+        C=system.C[:, kept],
+        states=tuple(system.states[i] for i in kept),
+        state_units=tuple(system.state_units[i] for i in kept),
+    )
+    return (part, idle) if idle else (system, idle)
 
 
 def report_system(
@@ -127,7 +162,7 @@ def report_fmu(
     at: float | None = None,
     settings: Sequence[str] = (),
     inputs: Sequence[str] | None = None,
-    outputs: Sequence[str] = ("*",),
+    outputs: Sequence[str] | None = None,
 ) -> Report:
     """Linearise an FMU or an SSP and return the report on it.
 
@@ -136,7 +171,7 @@ def report_fmu(
     path : an FMU (FMI 2.0 or 3.0) or an SSP.
     at : time until which it runs first, s; ``None`` for its start.
     settings : ``NAME=VALUE`` of parameters and of free inputs, as in ``wheelset simulate --set``.
-    inputs, outputs : patterns as in `co_sim.linearize`.
+    inputs, outputs : patterns as in `co_sim.linearize`; ``None`` takes what nothing feeds, and all.
 
     Raises
     ------
@@ -146,6 +181,9 @@ def report_fmu(
     loaded = load(Path(path))
     system = with_settings(loaded.system, parse_settings(settings))
     system.check()
+    if outputs is None:
+        # Not those of the constants that hold inputs.
+        outputs = [f"{name}.*" for name, component in loaded.system.components.items() if component.outputs]
     title = f"What does {Path(path).name} do, what is reached and seen of it?"
     return report_system(
         system, start=loaded.start or 0.0, at=at, inputs=inputs, outputs=outputs, title=title
