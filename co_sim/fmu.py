@@ -351,8 +351,11 @@ class FmuComponent(NativeComponent):
     def linearize(self, t: float, u: Vector) -> LocalModel:
         """Return the linear model near the present state, from directional derivatives.
 
-        Ports that are not continuous stay as they are: their rows and columns are zero.
+        Ports that are not continuous stay as they are: their rows and columns are zero. An FMU without inputs
+        that tells no states acts on the others and does not react: its model is empty.
         """
+        if not self.inputs and self.states is None:
+            return super().linearize(t, u)
         self._bound.set_inputs(u)
         try:
             return local_model(self)

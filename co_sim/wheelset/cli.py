@@ -18,6 +18,7 @@ from rich.table import Table
 from co_sim.cli_tools import check, inspect
 from co_sim.errors import InputError, RunError
 from co_sim.tool.simulate import simulate
+from co_sim.wheelset.reporting.command import report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -275,6 +276,7 @@ def export(fmi: str, out: Path, parameters: Path | None) -> None:
 cli.add_command(inspect)
 cli.add_command(check)
 cli.add_command(simulate)
+cli.add_command(report)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

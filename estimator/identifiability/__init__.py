@@ -22,7 +22,6 @@ from estimator.identifiability.wheelset import (
     SLOPES,
     creep_amplitude,
     driven_by_track,
-    rolling_model,
     slope_family,
     wheelset_process,
 )
@@ -61,7 +60,6 @@ __all__ = [
     "observe",
     "peak_adhesion_bound",
     "ranking",
-    "rolling_model",
     "same_force",
     "slope_family",
     "spectrum",

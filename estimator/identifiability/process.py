@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kalman import discretise
+from estimator.discretisation import discretise
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from estimator.identifiability.process import Family, Process, Sensor, differentiate, observe, stack
 from estimator.identifiability.windows import steady_covariance
-from estimator.linear_models import OperatingPoint, wheelset_model
+from estimator.linear_models import OperatingPoint, full_model, wheelset_model
 from fmu_wheelset.parameters import WheelsetParameters
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ __all__ = [
     "SLOPES",
     "creep_amplitude",
     "driven_by_track",
-    "rolling_model",
     "slope_family",
     "wheelset_process",
 ]
@@ -49,56 +48,10 @@ SENSORS: Mapping[str, tuple[Sensor, ...]] = MappingProxyType(
     {
         "gyro": (Sensor("yaw_rate", 1e-3),),
         "accelerometer": (Sensor("lateral_acceleration", 0.05),),
-        "wheel_speeds": (Sensor("left_wheel_speed", 0.01), Sensor("right_wheel_speed", 0.01)),
+        "wheel_speeds": (Sensor("omega_L", 0.01), Sensor("omega_R", 0.01)),
         "displacement": (Sensor("lateral_displacement", 1e-4),),
     }
 )
-
-
-def rolling_model(point: OperatingPoint, wheelset: WheelsetParameters) -> control.StateSpace:
-    """Return the small-signal model around `point` with wheels that turn on their own (torque driven).
-
-    States ``y, psi, y_dot, psi_dot, omega_L, omega_R, theta``; input the track offset ``y_t``; outputs
-    ``yaw_rate``, ``lateral_acceleration``, ``lateral_displacement``, ``relative_displacement``,
-    ``left_wheel_speed`` and ``right_wheel_speed``, all as deviations. With prescribed creep the wheel speeds
-    give way to the axle's; `estimator.linear_models.wheelset_model` has that case.
-    """
-    import control
-
-    p, v = wheelset, point.v
-    lateral = wheelset_model(point, wheelset)
-    # Longitudinal force of each wheel over the states, and over y_t: g11 times the creepages (1) and (2).
-    common = np.array([p.gamma / p.r0, 0.0, 0.0, p.L_g / v, 0.0, 0.0, 0.0])
-    turning = np.eye(7) * p.r0 / v
-    f_L, f_R = point.g11 * (common + turning[4]), point.g11 * (turning[5] - common)
-    track_L, track_R = -point.g11 * p.gamma / p.r0, point.g11 * p.gamma / p.r0
-    twist = np.array([0.0, 0.0, 0.0, 0.0, -p.c_s, p.c_s, p.k_s])
-    A, B = np.zeros((7, 7)), np.zeros((7, 1))
-    A[:4, :4], B[:4] = lateral.A, lateral.B
-    A[3, 4:] = (f_R - f_L)[4:] * p.L_g / p.I_w
-    A[4], B[4] = (twist - p.r0 * f_L) / p.I_L, -p.r0 * track_L / p.I_L
-    A[5], B[5] = (-twist - p.r0 * f_R) / p.I_R, -p.r0 * track_R / p.I_R
-    A[6, 4:6] = -1.0, 1.0
-    E = np.eye(7)
-    C = np.vstack([E[3], A[2], E[0], E[0], E[4], E[5]])
-    D = np.array([[0.0], B[2], [0.0], [-1.0], [0.0], [0.0]], dtype=np.float64)
-    return control.ss(
-        A,
-        B,
-        C,
-        D,
-        states=["y", "psi", "y_dot", "psi_dot", "omega_L", "omega_R", "theta"],
-        inputs=["y_t"],
-        outputs=[
-            "yaw_rate",
-            "lateral_acceleration",
-            "lateral_displacement",
-            "relative_displacement",
-            "left_wheel_speed",
-            "right_wheel_speed",
-        ],
-        name="rolling_wheelset",
-    )
 
 
 def driven_by_track(
@@ -157,13 +110,13 @@ def wheelset_process(
     Parameters
     ----------
     point : with the speed. track : spectrum of its lateral alignment. sensors : of outputs of
-        `rolling_model`.
+        `full_model`.
     h : sample time, s.
     prescribed : with a creepage imposed on both wheels, as the paper has it; there is no wheel speed then,
         and the outputs are those of `estimator.linear_models.wheelset_model`.
     """
     p = wheelset or WheelsetParameters()
-    model = (wheelset_model if prescribed else rolling_model)(point, p)
+    model = (wheelset_model if prescribed else full_model)(point, p)
     return observe(driven_by_track(model, track, point.v), sensors, h)
 
 
@@ -183,7 +136,7 @@ def slope_family(
     in `wheelset_process`.
     """
     p = wheelset or WheelsetParameters()
-    model = wheelset_model if prescribed else rolling_model
+    model = wheelset_model if prescribed else full_model
 
     def family(point: OperatingPoint) -> Family:
         def move(offset: Array) -> control.StateSpace:
@@ -206,14 +159,16 @@ def creep_amplitude(
     import control
 
     p = wheelset or WheelsetParameters()
-    model = driven_by_track(rolling_model(point, p), track, point.v)
-    left = dict(zip(model.output_labels, np.asarray(model.C), strict=True))
-    creepage = (
-        p.L_g / point.v * left["yaw_rate"]
-        + p.gamma / p.r0 * left["relative_displacement"]
-        + p.r0 / point.v * left["left_wheel_speed"]
-    )
-    seen = control.ss(model.A, model.B, creepage[None], 0.0, outputs=["creepage"])
+    model = driven_by_track(full_model(point, p), track, point.v)
+    r_L = p.r0 + p.delta_r / 2.0
+    share = {
+        "psi_dot": p.L_g / point.v,
+        "y": p.gamma / p.r0,
+        "y_t": -p.gamma / p.r0,
+        "omega_L": r_L / point.v,
+    }
+    row = np.array([[share.get(state, 0.0) for state in model.state_labels]])
+    seen = control.ss(model.A, model.B, row, 0.0, outputs=["creepage"])
     process = observe(seen, [Sensor("creepage", 1.0)], 1e-3)
     if not process.steady():
         return math.inf

@@ -18,7 +18,6 @@ from estimator.identifiability import (
     differentiate,
     driven_by_track,
     observe,
-    rolling_model,
     slope_family,
     spectrum,
     stack,
@@ -26,7 +25,7 @@ from estimator.identifiability import (
     wheelset_process,
 )
 from estimator.identifiability.spectra import frequency_grid, spectrum_with_slopes
-from estimator.linear_models import point_at
+from estimator.linear_models import full_model, point_at
 
 if TYPE_CHECKING:
     from estimator import CreepCurve
@@ -97,42 +96,17 @@ def test_white_noise_may_reach_a_sensor_with_low_pass_only() -> None:
     assert process.F.shape == (2, 2)
 
 
-def test_wheels_that_turn_alone_leave_the_slow_motion_as_it_is(
-    dry_points: tuple[OperatingPoint, ...], wheelset: WheelsetParameters
-) -> None:
-    # Below the torsion of the axle both wheels turn as one, so prescribed creep and torque drive agree.
-    s = 1j * np.array([0.5, 2.0, 5.0])
-    point = dry_points[0]
-    free, fixed = rolling_model(point, wheelset)(s), wheelset_model(point, wheelset)(s)
-    assert free[:2, 0] == pytest.approx(fixed[:, 0], rel=2e-2)
-
-
-def test_model_of_turning_wheels_has_the_torsional_mode(
-    wheelset: WheelsetParameters, dry: CreepCurve
-) -> None:
-    # Without contact: sqrt(k_s (1/I_L + 1/I_R)) is 58.3 Hz.
-    free = rolling_model(OperatingPoint("none", 0.0, 0.0, 0.0, 0.0, 20.0), wheelset)
-    assert np.max(np.abs(free.poles().imag)) / (2.0 * math.pi) == pytest.approx(58.3, abs=0.05)
-    # Twice the peak creep: self-excited, as model.md has it.
-    creep = 2.0 * dry.peak_creep
-    point = OperatingPoint("P3", creep, 0.0, float(dry.tangent(creep)), float(dry.secant(creep)), 20.0)
-    poles = rolling_model(point, wheelset).poles()
-    torsion = poles[np.argmax(poles.imag)]
-    assert (torsion.real, torsion.imag) == (pytest.approx(8.9, abs=0.1), pytest.approx(366.0, abs=0.5))
-
-
 def test_creep_amplitude_by_quadrature(
     dry_points: tuple[OperatingPoint, ...], wheelset: WheelsetParameters
 ) -> None:
     point = dry_points[1]
-    model = rolling_model(point, wheelset)
-    rows = [
-        list(model.output_labels).index(n) for n in ("yaw_rate", "relative_displacement", "left_wheel_speed")
-    ]
+    model = full_model(point, wheelset)
+    rows = [list(model.output_labels).index(n) for n in ("yaw_rate", "lateral_displacement", "omega_L")]
     weights = np.array([wheelset.L_g, wheelset.gamma * point.v / wheelset.r0, wheelset.r0]) / point.v
 
     def density(w: float) -> float:
-        return float(abs(weights @ model(1j * w)[rows, 0]) ** 2 * TRACK.density(w / point.v) / point.v)
+        response = weights @ model(1j * w)[rows, 0] - weights[1]  # y - y_t
+        return float(abs(response) ** 2 * TRACK.density(w / point.v) / point.v)
 
     variance, _ = integrate.quad(density, 0.0, 2e3, limit=400, points=[0.4, 16.0, 80.0])
     assert creep_amplitude(point, TRACK) == pytest.approx(math.sqrt(variance), rel=1e-5)
@@ -205,8 +179,8 @@ def test_a_track_needs_its_input(points: dict[str, OperatingPoint], wheelset: Wh
 
 
 def test_prescribed_creep_has_no_wheel_speeds(points: dict[str, OperatingPoint]) -> None:
-    with pytest.raises(ValueError, match="got left_wheel_speed"):
-        slope_family([points["P1"]], TRACK, 1e7, sensors=[Sensor("left_wheel_speed", 1.0)], prescribed=True)
+    with pytest.raises(ValueError, match="got omega_L"):
+        slope_family([points["P1"]], TRACK, 1e7, sensors=[Sensor("omega_L", 1.0)], prescribed=True)
 
 
 def test_process_of_white_noise_alone_is_flat() -> None:
