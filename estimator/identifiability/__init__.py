@@ -4,7 +4,15 @@ Everything is computed of `Process`, samples of any linear model that white nois
 those of the wheelset on an irregular track.
 """
 
-from estimator.identifiability.adhesion import UNKNOWN, creep_bound, peak_adhesion_bound, same_force
+from estimator.identifiability.adhesion import (
+    UNKNOWN,
+    Slopes,
+    creep_bound,
+    peak_adhesion_bound,
+    same_force,
+    small_signal,
+)
+from estimator.identifiability.averaged import averaged_points, averaged_same_force
 from estimator.identifiability.decision import (
     ErrorProbability,
     error_of_many,
@@ -21,6 +29,7 @@ from estimator.identifiability.wheelset import (
     SENSORS,
     SLOPES,
     creep_amplitude,
+    creep_covariance,
     driven_by_track,
     slope_family,
     wheelset_process,
@@ -43,10 +52,14 @@ __all__ = [
     "Process",
     "Rates",
     "Sensor",
+    "Slopes",
+    "averaged_points",
+    "averaged_same_force",
     "bound_of",
     "cramer_rao",
     "creep_amplitude",
     "creep_bound",
+    "creep_covariance",
     "differentiate",
     "divergence_rates",
     "driven_by_track",
@@ -62,6 +75,7 @@ __all__ = [
     "ranking",
     "same_force",
     "slope_family",
+    "small_signal",
     "spectrum",
     "stack",
     "steady_covariance",

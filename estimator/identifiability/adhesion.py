@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,60 +15,70 @@ from estimator.identifiability.fisher import bound_of
 from estimator.linear_models import OperatingPoint, point_at
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from fmu_wheelset.parameters import RailCondition
 
-__all__ = ["UNKNOWN", "creep_bound", "peak_adhesion_bound", "same_force"]
+__all__ = ["UNKNOWN", "Slopes", "creep_bound", "peak_adhesion_bound", "same_force", "small_signal"]
 
 Array = NDArray[np.float64]
+#: Returns force, g11 and g22 (3, n) of a curve at creeps (n,), N.
+Slopes: TypeAlias = "Callable[[CreepCurve, Array], Array]"
 
 #: What of a rail condition is unknown unless told otherwise; ``stiffness`` stands for k_A and k_S in a fixed
 #: ratio.
 UNKNOWN = ("mu_0", "stiffness")
 _FIELDS = ("mu_0", "k_A", "k_S", "A", "B")
-_STEP = 1e-5
+_STEP = 1e-4
 
 
-def creep_bound(curve: CreepCurve, creep: ArrayLike, information: Array) -> Array:
-    """Return the least standard deviation (...) of the creep at `creep` (...), of a known curve.
+def small_signal(curve: CreepCurve, creep: Array) -> Array:
+    """Return force, tangent and secant (3, n) of a curve at creeps (n,), N."""
+    return np.stack([curve.force(creep), curve.tangent(creep), curve.secant(creep)])
+
+
+def creep_bound(
+    curve: CreepCurve, creep: ArrayLike, information: Array, *, slopes: Slopes = small_signal
+) -> Array:
+    """Return the least standard deviation (n,) of the creep at `creep` (n,), of a known curve.
 
     Parameters
     ----------
-    information : (..., 2, 2) about the slopes g11 and g22, 1/N^2.
+    information : (n, 2, 2) about the slopes g11 and g22, 1/N^2.
+    slopes : returns force and slopes (3, n) of a curve, small signals or averaged.
     """
     at = np.asarray(creep, dtype=np.float64)
-    gradient = _slopes_over_creep(curve, at)
-    fisher = np.einsum("...i,...ij,...j->...", gradient, information, gradient)
-    return bound_of(fisher[..., None, None], np.ones((*at.shape, 1)), at[..., None])
+    gradient = _over_creep(curve, at, slopes)[1:].T
+    fisher = np.einsum("ni,nij,nj->n", gradient, information, gradient)
+    return at * bound_of(fisher[:, None, None], np.ones((at.size, 1)), np.ones(1))
 
 
-def _slopes_over_creep(curve: CreepCurve, creep: Array) -> Array:
-    """Return d(g11, g22)/d creep (..., 2), N."""
-    step = _STEP * creep
-    bend = (curve.tangent(creep + step) - curve.tangent(creep - step)) / (2.0 * step)
-    return np.stack([bend, (curve.tangent(creep) - curve.secant(creep)) / creep], axis=-1)
+def _over_creep(curve: CreepCurve, creep: Array, slopes: Slopes) -> Array:
+    """Return the derivatives (3, n) of force and slopes with respect to ln creep, N."""
+    return (slopes(curve, creep * math.exp(_STEP)) - slopes(curve, creep * math.exp(-_STEP))) / (2.0 * _STEP)
 
 
 def peak_adhesion_bound(
     curve: CreepCurve,
-    creep: float,
+    creep: ArrayLike,
     information: Array,
     *,
     unknown: Sequence[str] = UNKNOWN,
     prior: Mapping[str, float] | None = None,
-) -> float:
-    """Return the least standard deviation of the peak adhesion of a rail, at `creep` and a known force.
+    slopes: Slopes = small_signal,
+) -> Array:
+    """Return the least standard deviation (n,) of the peak adhesion of a rail at a known force.
 
-    The force is known from the traction torque, so creep and condition move together on ``F(creep) =
-    const``: what the sensors tell of the slopes is all that is left to tell one condition from another.
+    The force is known from the traction torque, so creep and condition move together on ``F(creep) = const``:
+    what the sensors tell of the slopes is all that is left to tell one condition from another.
 
     Parameters
     ----------
     curve : of the true condition. creep : where the wheelset runs.
-    information : (2, 2) about the slopes g11 and g22, 1/N^2.
+    information : (n, 2, 2) about the slopes g11 and g22, 1/N^2.
     unknown : of ``mu_0, k_A, k_S, A, B`` and ``stiffness``, the last for k_A and k_S together.
     prior : relative standard deviations of some of them, known beforehand.
+    slopes : as in `creep_bound`.
 
     Returns
     -------
@@ -80,30 +90,38 @@ def peak_adhesion_bound(
     ValueError
         If a name is unknown.
     """
-    wrong = sorted(set(unknown) - {*_FIELDS, "stiffness"}) or sorted(set(prior or {}) - set(unknown))
+    beforehand = _known_before(unknown, prior or {})
+    at, peak = np.asarray(creep, dtype=np.float64), np.asarray(curve.peak_creep)
+    pairs = [(_changed(curve, name, _STEP), _changed(curve, name, -_STEP)) for name in unknown]
+    # Force and slopes over (ln creep, ln unknown ...), (n, 3, 1 + u).
+    along = np.stack(
+        [_over_creep(curve, at, slopes), *((slopes(a, at) - slopes(b, at)) / (2.0 * _STEP) for a, b in pairs)]
+    )
+    jacobian = np.moveaxis(along, 2, 0).swapaxes(1, 2)
+    # Of the peak, where creep is at its best and does not count.
+    rise = [float(a.force(peak) - b.force(peak)) / (2.0 * _STEP * curve.N) for a, b in pairs]
+    gradient = np.array([0.0, *rise])
+    return np.array(
+        [_bound_on_curve(J, I_g, beforehand, gradient) for J, I_g in zip(jacobian, information, strict=True)]
+    )
+
+
+def _known_before(unknown: Sequence[str], prior: Mapping[str, float]) -> Array:
+    """Return the information beforehand over (ln creep, ln unknown ...)."""
+    wrong = sorted(set(unknown) - {*_FIELDS, "stiffness"}) or sorted(set(prior) - set(unknown))
     if wrong or not unknown:
         raise ValueError(
             f"peak adhesion: got {', '.join(wrong) or 'nothing'} as unknown, expected some of "
             f"{', '.join((*_FIELDS, 'stiffness'))}, and priors of these only; change the names"
         )
-    at, peak = np.asarray(creep), np.asarray(curve.peak_creep)
-    pairs = [(_changed(curve, name, _STEP), _changed(curve, name, -_STEP)) for name in unknown]
+    return np.diag([0.0, *(prior.get(name, math.inf) ** -2.0 for name in unknown)])
 
-    def slope(value: str, where: Array) -> Array:
-        return np.array(
-            [float(getattr(a, value)(where) - getattr(b, value)(where)) / (2.0 * _STEP) for a, b in pairs]
-        )
 
-    # Over (ln creep, ln unknown ...): the slopes, the force that stays, and the peak, where creep is at its
-    # best.
-    along = _slopes_over_creep(curve, at) * creep
-    jacobian = np.column_stack([along, np.stack([slope("tangent", at), slope("secant", at)])])
-    force = np.concatenate([[float(curve.tangent(at)) * creep], slope("force", at)])
-    gradient = np.concatenate([[0.0], slope("force", peak) / curve.N])
-    known = np.array([0.0, *((prior or {}).get(name, math.inf) for name in unknown)])
-    beforehand = np.diag([0.0, *(1.0 / np.square(known[1:]))])
+def _bound_on_curve(jacobian: Array, information: Array, beforehand: Array, gradient: Array) -> float:
+    """Return the bound for what has this gradient, along the directions in which the force stays."""
+    force = jacobian[0]
     free = null_space(force[None] / np.linalg.norm(force))
-    fisher = free.T @ (jacobian.T @ information @ jacobian + beforehand) @ free
+    fisher = free.T @ (jacobian[1:].T @ information @ jacobian[1:] + beforehand) @ free
     return float(bound_of(fisher, free.T @ gradient, np.ones(free.shape[1])))
 
 

@@ -24,7 +24,7 @@ __all__ = ["Family", "Process", "Sensor", "differentiate", "observe", "stack"]
 
 Array = NDArray[np.float64]
 #: What picks members of a batch.
-Index: TypeAlias = "int | slice | tuple[int | slice, ...] | NDArray[np.bool_]"
+Index: TypeAlias = "int | slice | tuple[int | slice, ...] | NDArray[np.bool_] | NDArray[np.int64]"
 
 #: Step of the central differences, in units of a parameter's scale.
 _STEP = 1e-4

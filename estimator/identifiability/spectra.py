@@ -21,11 +21,14 @@ __all__ = ["frequency_grid", "integral_rate", "spectrum", "spectrum_with_slopes"
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-#: Points of the Gauss-Legendre rule in each panel, and edges of panels around a pole in its half-widths.
-_ORDER = 6
-_RINGS = np.concatenate([-np.geomspace(64.0, 0.5, 8), [0.0], np.geomspace(0.5, 64.0, 8)])
-#: Panels in the geometric part of the grid, from this part of the highest frequency on.
-_PANELS, _LOWEST = 28, 1e-5
+#: Points of the Gauss-Legendre rule in each panel; panels in the geometric part of the grid, from this part
+#: of the highest frequency on.
+_ORDER, _PANELS, _LOWEST = 6, 24, 1e-5
+#: Edges of panels around a pole: the first in its half-widths, the last in its frequency, and those between.
+_FIRST, _REACH = 0.7, 0.5
+_STEPS = np.linspace(0.0, 1.0, 7)
+#: Frequency of a pole over its half-width from which on it has edges of its own, and the least half-width.
+_SHARP, _NARROWEST = 0.5, 1e-9
 
 
 def frequency_grid(*processes: Process) -> tuple[Array, Array]:
@@ -35,10 +38,11 @@ def frequency_grid(*processes: Process) -> tuple[Array, Array]:
     processes as narrow as its damping asks.
     """
     top = math.pi / processes[0].h
-    poles = np.concatenate([p.poles() for p in processes], axis=-1)
-    poles = np.sort_complex(poles * 1j)[..., : (poles.shape[-1] + 1) // 2] / 1j  # those with Im > 0 first
-    width = np.maximum(np.abs(poles.real), 1e-9 * top)
-    rings = (np.abs(poles.imag)[..., None] + width[..., None] * _RINGS).reshape(*poles.shape[:-1], -1)
+    poles = _ringing(np.concatenate([p.poles() for p in processes], axis=-1))
+    centre, width = poles.imag[..., None], np.maximum(np.abs(poles.real[..., None]), _NARROWEST * top)
+    # From the half-width of each pole out to where it is no longer seen, in steps of one ratio.
+    reach = _FIRST * width * np.maximum(_REACH * centre / (_FIRST * width), 1.0) ** _STEPS
+    rings = np.concatenate([centre - reach, centre, centre + reach], axis=-1).reshape(*poles.shape[:-1], -1)
     base = np.concatenate([[0.0], np.geomspace(_LOWEST * top, top, _PANELS)])
     edges = np.concatenate([np.broadcast_to(base, (*rings.shape[:-1], base.size)), rings], axis=-1)
     edges = np.sort(np.clip(edges, 0.0, top), axis=-1)
@@ -47,6 +51,14 @@ def frequency_grid(*processes: Process) -> tuple[Array, Array]:
     middle = (edges[..., :-1] + edges[..., 1:])[..., None] / 2.0
     shape = (*edges.shape[:-1], -1)
     return (middle + half * nodes).reshape(shape), (half * weights + 0.0 * middle).reshape(shape)
+
+
+def _ringing(poles: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the poles (..., n) that ring, one of each pair; others where members of a batch have fewer."""
+    sharpness = np.where(poles.imag > 0.0, poles.imag / np.maximum(np.abs(poles.real), 1e-300), 0.0)
+    count = int(np.max(np.sum(sharpness > _SHARP, axis=-1)))
+    order = np.argsort(-sharpness, axis=-1)[..., :count]
+    return np.take_along_axis(poles, order, axis=-1)
 
 
 def integral_rate(values: Array, weights: Array) -> Array:

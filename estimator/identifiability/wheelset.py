@@ -33,6 +33,7 @@ __all__ = [
     "SENSORS",
     "SLOPES",
     "creep_amplitude",
+    "creep_covariance",
     "driven_by_track",
     "slope_family",
     "wheelset_process",
@@ -148,28 +149,35 @@ def slope_family(
     return stack([family(point) for point in points])
 
 
-def creep_amplitude(
+def creep_covariance(
     point: OperatingPoint, track: TrackSpectrum, wheelset: WheelsetParameters | None = None
-) -> float:
-    """Return the rms of the longitudinal creepage that the track adds on each wheel.
+) -> Array:
+    """Return the covariance (2, 2) of the longitudinal and lateral creepage that the track adds.
 
-    ``inf`` without a steady state. Where it is not small against the creep of the peak, the slopes at the
-    point are not those that the wheelset feels, and what is computed of them is a first guess.
+    On the left wheel; ``inf`` without a steady state.
     """
     import control
 
     p = wheelset or WheelsetParameters()
     model = driven_by_track(full_model(point, p), track, point.v)
-    r_L = p.r0 + p.delta_r / 2.0
-    share = {
-        "psi_dot": p.L_g / point.v,
-        "y": p.gamma / p.r0,
-        "y_t": -p.gamma / p.r0,
-        "omega_L": r_L / point.v,
-    }
-    row = np.array([[share.get(state, 0.0) for state in model.state_labels]])
-    seen = control.ss(model.A, model.B, row, 0.0, outputs=["creepage"])
-    process = observe(seen, [Sensor("creepage", 1.0)], 1e-3)
+    slope, spin = p.gamma / p.r0, (p.r0 + p.delta_r / 2.0) / point.v
+    longitudinal = {"psi_dot": p.L_g / point.v, "y": slope, "y_t": -slope, "omega_L": spin}
+    lateral = {"y_dot": 1.0 / point.v, "psi": -1.0}
+    rows = [[share.get(state, 0.0) for state in model.state_labels] for share in (longitudinal, lateral)]
+    seen = control.ss(model.A, model.B, rows, np.zeros((2, 1)), outputs=["x", "y"])
+    process = observe(seen, [Sensor("x", 1.0), Sensor("y", 1.0)], 1e-3)
     if not process.steady():
-        return math.inf
-    return math.sqrt(float((process.H @ steady_covariance(process) @ process.H.T)[0, 0]))
+        return np.full((2, 2), np.inf)
+    return np.asarray(process.H @ steady_covariance(process) @ process.H.T)
+
+
+def creep_amplitude(
+    point: OperatingPoint, track: TrackSpectrum, wheelset: WheelsetParameters | None = None
+) -> float:
+    """Return the rms of the longitudinal creepage that the track adds on the left wheel.
+
+    ``inf`` without a steady state. Where it is not small against the creep of the peak, the slopes at the
+    point are not those that the wheelset feels, and what is computed of them is a first guess:
+    `estimator.identifiability.averaged_points` has better ones.
+    """
+    return math.sqrt(creep_covariance(point, track, wheelset)[0, 0])

@@ -273,26 +273,28 @@ def test_peak_adhesion_is_bounded_as_if_the_conditions_were_tried(dry: CreepCurv
     jacobian = np.column_stack([(a[0] - b[0]) / (2.0 * step) for a, b in pairs])
     gradient = np.array([(a[1] - b[1]) / (2.0 * step) for a, b in pairs])
     expected = math.sqrt(gradient @ np.linalg.solve(jacobian.T @ information @ jacobian, gradient))
-    assert peak_adhesion_bound(dry, creep, information) == pytest.approx(expected, rel=1e-4)
+    assert peak_adhesion_bound(dry, [creep], information[None])[0] == pytest.approx(expected, rel=1e-4)
 
 
 def test_what_is_known_of_the_peak(dry: CreepCurve) -> None:
-    information = np.array([[3e-12, 1e-14], [1e-14, 4e-14]])
-    creeps = [share * dry.peak_creep for share in (0.05, 0.1, 0.2)]
-    bounds = [peak_adhesion_bound(dry, creep, information) for creep in creeps]
-    assert bounds == sorted(bounds, reverse=True)  # the closer to the peak, the more
-    assert peak_adhesion_bound(dry, creeps[0], 4.0 * information) == pytest.approx(bounds[0] / 2.0)
+    information = np.array(3 * [[[3e-12, 1e-14], [1e-14, 4e-14]]])
+    creeps = np.array([0.05, 0.1, 0.2]) * dry.peak_creep
+    bounds = peak_adhesion_bound(dry, creeps, information)
+    assert np.all(np.diff(bounds) < 0.0)  # the closer to the peak, the more
+    assert peak_adhesion_bound(dry, creeps, 4.0 * information) == pytest.approx(bounds / 2.0)
     # Three unknowns, two slopes: nothing of the peak without knowing something of the rail beforehand.
     three = ("mu_0", "k_A", "k_S")
-    assert peak_adhesion_bound(dry, creeps[1], information, unknown=three) == math.inf
-    with_prior = [
-        peak_adhesion_bound(dry, creeps[1], information, unknown=three, prior=dict.fromkeys(three, p))
+    assert np.all(peak_adhesion_bound(dry, creeps, information, unknown=three) == math.inf)
+    sure, vague = (
+        peak_adhesion_bound(dry, creeps, information, unknown=three, prior=dict.fromkeys(three, p))
         for p in (0.1, 0.5)
-    ]
-    assert 0.0 < with_prior[0] < with_prior[1] < math.inf
-    assert peak_adhesion_bound(dry, creeps[1], np.zeros((2, 2)), unknown=("mu_0",)) == math.inf
+    )
+    assert np.all((sure > 0.0) & (sure < vague) & (vague < math.inf))
+    assert np.all(peak_adhesion_bound(dry, creeps, 0.0 * information, unknown=("mu_0",)) == math.inf)
     with pytest.raises(ValueError, match=r"^peak adhesion: got mu as unknown"):
-        peak_adhesion_bound(dry, creeps[1], information, unknown=("mu",))
+        peak_adhesion_bound(dry, creeps, information, unknown=("mu",))
+    with pytest.raises(ValueError, match=r"^peak adhesion: got k_A as unknown, .* priors of these only;"):
+        peak_adhesion_bound(dry, creeps, information, unknown=("mu_0",), prior={"k_A": 0.1})
 
 
 def test_only_rails_that_carry_the_force_are_left(low: CreepCurve, dry: CreepCurve) -> None:
