@@ -13,7 +13,11 @@ from co_sim.wheelset.recordings import Journey, Recording, Stretch, record
 from co_sim.wheelset.reporting.information import sensors_of
 from co_sim.wheelset.reporting.pairs import Pair, processes
 from co_sim.wheelset.sensors import SensorSpec
-from estimator.identifiability import error_probability, window_covariance, window_rates
+from estimator.identifiability import (
+    error_probability,
+    window_covariance,
+    window_rates,
+)
 from fmu_wheelset import CONDITIONS
 
 if TYPE_CHECKING:
@@ -28,8 +32,9 @@ Array = NDArray[np.float64]
 
 #: Length of a run, s, and of its start that does not count: the track's slow part builds up.
 _DURATION, _SETTLING = 42.0, 2.0
-#: Largest window in samples: a decision takes the covariance of all its samples.
-_SAMPLES = 250
+#: Least and largest window in samples: a decision takes the covariance of all of them. Error in between:
+#: where counting takes the fewest decisions to tell whether theory is right.
+_SAMPLES, _ERROR = (20, 250), 0.15
 #: Confidence of the interval of a counted share.
 _CONFIDENCE = 0.95
 #: Sensors that a recording of the plant has, by its name for them.
@@ -88,13 +93,16 @@ def confirm(
 def _confirmed(pair: Pair, setup: Setup, names: Sequence[str], seed: int) -> Confirmation:
     h = 1.0 / setup.sample_rate
     models = processes(pair, setup, sensors_of(setup, names), h=h, prescribed=True)
-    window = _SAMPLES * h
-    possible = error_probability(window_rates(*models, _SAMPLES, starts=("steady", "steady")), window)
+    needed = float(window_needed(divergence_rates(*models), _ERROR)) / h
+    samples = round(min(max(needed, _SAMPLES[0]), _SAMPLES[1]))
+    window = samples * h
+    possible = error_probability(window_rates(*models, samples, starts=("steady", "steady")), window)
     recordings = [
         record(_journey(setup, condition, point.creep, point.v, seed + k))
         for k, (condition, point) in enumerate(((pair.first, pair.p), (pair.second, pair.q)))
     ]
-    errors, decisions = _count(models, [_windows(r, names, h) for r in recordings])
+    windows = [_windows(recording, names, round(_SETTLING / h), samples) for recording in recordings]
+    errors, decisions = _count(models, windows, samples)
     low, high = _interval(errors, decisions)
     return Confirmation(
         pair,
@@ -124,16 +132,16 @@ def _journey(setup: Setup, condition: str, creep: float, speed: float, seed: int
     )
 
 
-def _windows(recording: Recording, names: Sequence[str], h: float) -> Array:
+def _windows(recording: Recording, names: Sequence[str], skip: int, samples: int) -> Array:
     """Return the samples (T m, windows) of one run cut into windows, sample by sample."""
-    z = np.column_stack([getattr(recording, _RECORDED[name]) for name in names])[round(_SETTLING / h) :]
-    count = len(z) // _SAMPLES
-    return z[: count * _SAMPLES].reshape(count, -1).T
+    z = np.column_stack([getattr(recording, _RECORDED[name]) for name in names])[skip:]
+    count = len(z) // samples
+    return z[: count * samples].reshape(count, -1).T
 
 
-def _count(models: Sequence[Process], runs: Sequence[Array]) -> tuple[int, int]:
+def _count(models: Sequence[Process], runs: Sequence[Array], samples: int) -> tuple[int, int]:
     """Return how many windows of both runs are taken for the other rail, and how many there are."""
-    roots = [linalg.cholesky(window_covariance(m, _SAMPLES, start="steady"), lower=True) for m in models]
+    roots = [linalg.cholesky(window_covariance(m, samples, start="steady"), lower=True) for m in models]
     errors = decisions = 0
     for true, z in enumerate(runs):
         costs = [
