@@ -19,7 +19,7 @@ from co_sim.cli_tools import check, inspect
 from co_sim.errors import InputError, RunError
 from co_sim.tool.simulate import simulate
 from co_sim.wheelset.identifying.command import identify
-from co_sim.wheelset.reporting.command import report
+from co_sim.wheelset.report_command import report
 from co_sim.wheelset.studies.command import campaign
 
 if TYPE_CHECKING:
