@@ -105,11 +105,9 @@ def main() -> None:
         tell("looking for faults of the sensors", best(lambda: monitor.run(log)))
         rows = np.arange(9, SAMPLES, 10)
         for n in (3, 12, 48):
-            identifier = linear_bank(n)
-            identify_rows(identifier, log, rows[:1])
-            tell(
-                f"{n} linear filters, (15), fuzzy system", best(partial(identify_rows, identifier, log, rows))
-            )
+            action = partial(identify_rows, linear_bank(n), log, rows)
+            action()
+            tell(f"{n} linear filters, (15), fuzzy system", best(action))
         if "--without-adhesion" in sys.argv:
             return
         short = replace(settings, bank="adhesion")

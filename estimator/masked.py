@@ -7,7 +7,7 @@ stay those of the steady state, which is not optimal right after a gap and forgo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -43,79 +43,80 @@ class RowsIdentified:
     usable: Array
 
 
+class _Bank(NamedTuple):
+    """Matrices of n filters with the filter as last index, so that one instruction serves several of them.
+
+    F (s, s, n), H (m, s, n), K (s, m, n).
+    """
+
+    F: Array
+    H: Array
+    K: Array
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_products(M: Array, x: Array, sign: float, y: Array) -> None:  # pragma: no cover - compiled
+    """Add `sign` times the product of M (rows, s, n) and x (s, n) to y (rows, n), filter by filter."""
+    for j in range(y.shape[0]):
+        for k in range(x.shape[0]):
+            for i in range(y.shape[1]):
+                y[j, i] += sign * M[j, k, i] * x[k, i]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _masked_bank_step(  # pragma: no cover - compiled
-    F: Array, H: Array, K: Array, z: Array, usable: Mask, x: Array, prediction: Array, e: Array
+    bank: _Bank, z: Array, usable: Mask, x: Array, prediction: Array, e: Array
 ) -> None:
-    """Advance all filters as `estimator.bank.bank_step`, with innovations of zero where not usable."""
-    n, s = x.shape
-    m = z.shape[0]
-    for i in range(n):
-        for j in range(s):
-            total = 0.0
-            for k in range(s):
-                total += F[i, j, k] * x[i, k]
-            prediction[i, j] = total
-        for j in range(m):
-            total = 0.0
-            if usable[j]:
-                total = z[j]
-                for k in range(s):
-                    total -= H[i, j, k] * prediction[i, k]
-            e[i, j] = total
-        for j in range(s):
-            total = prediction[i, j]
-            for k in range(m):
-                total += K[i, j, k] * e[i, k]
-            x[i, j] = total
+    """Advance x (s, n) by one sample z (m,); writes the innovations e (m, n), zero where not usable."""
+    prediction[:] = 0.0
+    _add_products(bank.F, x, 1.0, prediction)
+    for j in range(z.shape[0]):
+        e[j] = z[j]
+    _add_products(bank.H, prediction, -1.0, e)
+    for j in range(z.shape[0]):
+        if not usable[j]:
+            e[j] = 0.0
+    x[:] = prediction
+    _add_products(bank.K, e, 1.0, x)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weighted_squares(  # pragma: no cover - compiled
+    weights: Array, usable: Mask, e: Array, squares: Array
+) -> None:
+    """Write the weighted squares of e (m, n) and whether they count into `squares` (n + 1,)."""
+    squares[:] = 0.0
+    for j in range(e.shape[0]):
+        if not usable[j] and weights[j] > 0.0:
+            return
+    squares[-1] = 1.0
+    for j in range(e.shape[0]):
+        for i in range(e.shape[1]):
+            squares[i] += weights[j] * e[j, i] * e[j, i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _identify_rows(  # pragma: no cover - compiled
-    design: Design,
-    memory: Memory,
-    work: Work,
-    z: Array,
-    usable: Mask,
-    rows: Indices,
-    E: Array,
-    p: Array,
-    share: Array,
-) -> None:
+    bank: _Bank, design: Design, memory: Memory, work: Work, z: Array, usable: Mask, rows: Indices,
+    E: Array, p: Array, share: Array,
+) -> None:  # fmt: skip
     n, m = E.shape[1], z.shape[1]
-    squares = np.empty(n + 1)
-    e = np.empty((n, m))
+    squares, e, prediction = np.empty(n + 1), np.empty((m, n)), np.empty_like(memory.x)
     row = 0
     for t in range(z.shape[0]):
         if row == rows.shape[0]:
             return
-        _masked_bank_step(design.F, design.H, design.K, z[t], usable[t], memory.x, work.prediction, e)
-        counted = True
-        for j in range(m):
-            counted = counted and (usable[t, j] or design.weights[j] == 0.0)
-        for i in range(n):
-            squares[i] = 0.0
-            for j in range(m):
-                if counted:
-                    squares[i] += design.weights[j] * e[i, j] * e[i, j]
-        squares[n] = 1.0 if counted else 0.0
+        _masked_bank_step(bank, z[t], usable[t], memory.x, prediction, e)
+        _weighted_squares(design.weights, usable[t], e, squares)
         window_step(squares, t, memory.history, memory.front, memory.mean)
         if t != rows[row]:
             continue
         normalise(memory.mean[:n], E[row])
         duel(E[row], work.D)
         infer(
-            work.D,
-            design.corners,
-            design.bounds,
-            design.clauses,
-            design.conclusions,
-            design.shapes,
-            design.grid,
-            work.strength,
-            work.area,
-            p[row],
-        )
+            work.D, design.corners, design.bounds, design.clauses, design.conclusions, design.shapes,
+            design.grid, work.strength, work.area, p[row],
+        )  # fmt: skip
         share[row] = memory.mean[n] * min(1.0, (t + 1) / memory.history.shape[0])
         row += 1
 
@@ -127,10 +128,15 @@ def identify_rows(identifier: Identifier, log: Log, rows: Indices) -> RowsIdenti
     """
     n = len(identifier.bank.names)
     design, work = identifier.design, identifier.new_work()
-    x = identifier.new_memory().x
+    bank = _Bank(*(np.ascontiguousarray(np.moveaxis(M, 0, -1)) for M in (design.F, design.H, design.K)))
     # One more column than filters: whether the sample counted.
-    memory = Memory(x, np.zeros((identifier.window, n + 1)), np.zeros(n + 1), np.zeros(n + 1))
+    memory = Memory(
+        np.zeros((design.F.shape[1], n)),
+        np.zeros((identifier.window, n + 1)),
+        np.zeros(n + 1),
+        np.zeros(n + 1),
+    )
     E, p, share = np.empty((len(rows), n)), np.empty((len(rows), n)), np.empty(len(rows))
     usable = np.ascontiguousarray(log.usable)
-    _identify_rows(design, memory, work, log.measurements, usable, np.asarray(rows), E, p, share)
+    _identify_rows(bank, design, memory, work, log.measurements, usable, np.asarray(rows), E, p, share)
     return RowsIdentified(E, p, share)

@@ -155,12 +155,17 @@ def fault_sentences(done: Identified) -> list[str]:
     return [_fault(fault) for fault in found]
 
 
+def _moment(time: float) -> str:
+    """Return a time (s) to the millisecond, also where it counts from 1970."""
+    return f"{time:.3f}".rstrip("0").rstrip(".")
+
+
 def _fault(fault: FaultFound) -> str:
     one = fault.samples == 1
     where = (
-        f"at {quantity(fault.first, 's', 6)}"
+        f"at {_moment(fault.first)}\N{NO-BREAK SPACE}s"
         if one
-        else f"between {number(fault.first, 6)} and {quantity(fault.last, 's', 6)}"
+        else f"between {_moment(fault.first)} and {_moment(fault.last)}\N{NO-BREAK SPACE}s"
     )
     stretches = "" if one else f" in {fault.stretches} {'stretch' if fault.stretches == 1 else 'stretches'}"
     return (

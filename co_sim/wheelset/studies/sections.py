@@ -74,8 +74,8 @@ def _accuracy(study: Study, findings: Findings, what: str, banks: Sequence[str])
         reached, matched = (overall[banks.index(bank)].value for bank in ("adhesion", "matched"))
         words.append(
             f"The adhesion bank reaches {percent(reached / matched)} of what the matched one does, which "
-            "knows the parameters, noise and track of the plant: the likelihood of the exact model, as far as "
-            "an extended Kalman filter has it."
+            "knows the parameters, noise and track of the plant: the likelihood of the exact model, as far "
+            "as an extended Kalman filter has it."
         )
     axes = _grid_axes(study, findings, what, banks)
     names = CLASSES[what]
