@@ -250,3 +250,18 @@ def test_a_system_that_was_read_goes_to_another_process(tmp_path, lag_fmus):
         master.run(1.0)
     del copied
     assert found.components["a"].path.exists()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_tolerances_are_kept_unless_the_reader_asks_for_others(tmp_path, version):
+    parts = {
+        "own": FmuComponent(wheelset(fmi=2), tolerance=1e-7),
+        "integrated": ExchangeFmu(wheelset(fmi=3), tolerance=1e-5),
+        "none": FmuComponent(wheelset(fmi=3)),
+    }
+    path = tmp_path / "t.ssp"
+    write_ssp(System(parts, step=1e-3), path, version=version)
+    assert schema_faults(path) == []
+    found = read_ssp(path).components
+    assert [part.tolerance for part in found.values()] == [1e-7, 1e-5, None]
+    assert {part.tolerance for part in read_ssp(path, tolerance=1e-4).components.values()} == {1e-4}
