@@ -112,6 +112,8 @@ class FmuComponent(NativeComponent):
         takes the name of its literal or its number, an array nested sequences of its shape.
     units : of variables for which the FMU declares none, or none with a definition: name and, if there is
         one, definition.
+    tolerance : relative, for the solver and the algorithms within the FMU. ``None`` takes that of the default
+        experiment, or leaves it to the FMU.
 
     Raises
     ------
@@ -128,6 +130,7 @@ class FmuComponent(NativeComponent):
         outputs: Sequence[str] | None = None,
         parameters: Mapping[str, Value] = MappingProxyType({}),
         units: Mapping[str, tuple[str, Unit | None]] = MappingProxyType({}),
+        tolerance: float | None = None,
     ) -> None:
         # Held as it is, because it may own the folder in which the FMU lies.
         self._given_path = path
@@ -140,12 +143,14 @@ class FmuComponent(NativeComponent):
             *port_faults(name, self._variables, inputs or (), "input"),
             *port_faults(name, self._variables, outputs or (), "output"),
             *parameter_faults(name, self._variables, parameters),
+            *_tolerance_faults(name, tolerance),
         ]
         if faults:
             raise InputError.from_faults(faults)
         self._inputs = select(self._variables, inputs, "input")
         self._outputs = select(self._variables, outputs, "output")
         self._units = dict(units)
+        self._tolerance = self._default_tolerance if tolerance is None else tolerance
         self._definitions = units_of(self._description)
         self._own_parameters = dict(parameters)
         self._parameters = self._own_parameters
@@ -172,6 +177,11 @@ class FmuComponent(NativeComponent):
     def parameters(self) -> Mapping[str, Value]:
         """The parameters of the constructor."""
         return MappingProxyType(self._own_parameters)
+
+    @property
+    def tolerance(self) -> float | None:
+        """The relative tolerance that the FMU is told; ``None`` if it is told none."""
+        return self._tolerance
 
     @property
     def variables(self) -> Mapping[str, ModelVariable]:
@@ -219,7 +229,7 @@ class FmuComponent(NativeComponent):
             slave.configure(structural)
         for value in self._values(structural=False):
             slave.set(*value)
-        slave.enter_initialisation(t0)
+        slave.enter_initialisation(t0, self.stop_time, self._tolerance)
         self._binding = self._bind(slave)
         self._slave = slave
 
@@ -388,6 +398,11 @@ class FmuComponent(NativeComponent):
     def _can_return(self) -> bool:
         return bool(self._interface.canGetAndSetFMUstate)
 
+    @property
+    def _default_tolerance(self) -> float | None:
+        told = getattr(self._description.defaultExperiment, "tolerance", None)
+        return float(told) if told and 0.0 < float(told) < np.inf else None
+
     def _compare_steps(self, h: float) -> None:
         own = getattr(self._interface, "fixedInternalStepSize", None)
         if own is None or not float(own) > 0.0:
@@ -475,3 +490,8 @@ class FmuComponent(NativeComponent):
         if not isinstance(state, _State) or state.slave is not self._slave:
             raise StateError(f"the state is not one of this run of {self._path.name}")
         return state
+
+
+def _tolerance_faults(name: str, tolerance: float | None) -> Iterator[Fault]:
+    if tolerance is not None and not 0.0 < tolerance < np.inf:
+        yield Fault(f"tolerance of {name}", repr(tolerance), "a positive number", "correct it")

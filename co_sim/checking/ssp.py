@@ -91,7 +91,7 @@ def _findings(path: Path, limits: Limits, timeout: float | None) -> Iterator[Fin
         yield from (_finding(fault) for fault in faults if fault.what not in told)
         return
     assembly = Assembly(structure, faults)
-    model = assembly.model(None, None)
+    model = assembly.model()
     if not faults:
         faults += model.system.faults()
     # A document that cannot be read was told with the schemas.

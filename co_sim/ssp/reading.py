@@ -62,9 +62,10 @@ def read_ssp(
     variant: str = DEFAULT,
     step: float | None = None,
     coupling: Coupling | None = None,
+    tolerance: float | None = None,
 ) -> System:
     """Return the system of an SSP; see `open_ssp` for what else the file tells."""
-    return open_ssp(path, variant=variant, step=step, coupling=coupling).system
+    return open_ssp(path, variant=variant, step=step, coupling=coupling, tolerance=tolerance).system
 
 
 def open_ssp(
@@ -73,6 +74,7 @@ def open_ssp(
     variant: str = DEFAULT,
     step: float | None = None,
     coupling: Coupling | None = None,
+    tolerance: float | None = None,
 ) -> SspModel:
     """Read an SSP 1.0 or 2.0.
 
@@ -87,6 +89,8 @@ def open_ssp(
     step : communication step, s. ``None`` takes that of a file written here, else the shortest step size of
         the FMUs' default experiments, else 1 ms.
     coupling : how values pass; ``None`` takes that of a file written here, else the default.
+    tolerance : relative, for all FMUs; ``None`` takes that of a file written here, else that of each FMU's
+        default experiment.
 
     Raises
     ------
@@ -101,7 +105,7 @@ def open_ssp(
     structure = read_structure(file, variant, faults)
     if structure is None:
         raise InputError.from_faults(faults)
-    model = Assembly(structure, faults).model(step, coupling)
+    model = Assembly(structure, faults).model(step, coupling, tolerance)
     if faults:
         raise InputError.from_faults(faults)
     return model
@@ -124,8 +128,13 @@ class Assembly:
         self.network = Network(structure.system, {path: fmu for path, (_, fmu) in found.items() if fmu})
         self.bound: Bound = {}
 
-    def model(self, step: float | None, coupling: Coupling | None) -> SspModel:
-        """Return the model."""
+    def model(
+        self,
+        step: float | None = None,
+        coupling: Coupling | None = None,
+        tolerance: float | None = None,
+    ) -> SspModel:
+        """Return the model; see `open_ssp` for the parameters."""
         structure = self._structure
         self.bound = bind(self.network)
         connections: list[Connection] = []
@@ -143,7 +152,7 @@ class Assembly:
             else:
                 connections.append(connection)
                 fed.add(pin)
-        parts = make_parts(self.network, self.components, self.bound, fed)
+        parts = make_parts(self.network, self.components, self.bound, fed, tolerance)
         notes = notes_of(structure.root)
         system = System(
             parts,

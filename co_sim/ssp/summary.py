@@ -181,7 +181,7 @@ def summarise(path: PathLike[str] | str, *, variant: str = DEFAULT) -> SspSummar
     if structure is None:
         raise InputError.from_faults(faults)
     assembly = Assembly(structure, faults)
-    model = assembly.model(None, None)
+    model = assembly.model()
     if not faults:
         faults += model.system.faults()
     network, root = assembly.network, structure.root

@@ -289,7 +289,8 @@ class Laboratory:
     def _simulate(self, case: Case, identifier: Identifier | None, observers: Iterable[Observer]) -> None:
         """Co-simulate a case under the eyes of `observers`."""
         system = assemble(self.scenario, case, identifier)
-        with self._master(system, h=self.scenario.simulation.step, observers=tuple(observers)) as master:
+        h, until = self.scenario.simulation.step, case.duration
+        with self._master(system, h=h, observers=tuple(observers), stop_time=until) as master:
             master.run(case.duration)
 
     def _valid_until(self, recorder: Recorder) -> float:

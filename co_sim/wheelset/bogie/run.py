@@ -65,7 +65,7 @@ class BogieRun:
         writer = CsvWriter(folder / "results.csv", every=every)
         system = assemble(self.frame, self.ride, step=self.choice.step, coupling=self.choice.coupling)
         master_type: type[Master | Supervised] = Master if self.in_process else Supervised
-        with master_type(system, observers=[recorder, writer, *observers]) as master:
+        with master_type(system, observers=[recorder, writer, *observers], stop_time=DURATION) as master:
             master.run(DURATION)
         return recorder
 
