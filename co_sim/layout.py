@@ -13,6 +13,8 @@ from co_sim.snapshot import TextPlaces
 from co_sim.texts import as_number
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from co_sim.component import Component, Port, Vector
     from co_sim.kernel import Integers
     from co_sim.system import Link, System
@@ -39,7 +41,7 @@ class Part:
     Parameters
     ----------
     name, component : of the system.
-    u : the component's slice of all inputs, as its `step` takes them.
+    u : the component's slice of all inputs, as its `step` takes them. place : where that begins.
     y : the columns of its outputs.
     period : of its steps, in steps of the master.
     derived : how many inputs have their derivatives behind them; 0 where it wants means over a step, -1
@@ -49,6 +51,7 @@ class Part:
 
     name: str
     component: Component
+    place: int
     u: Vector
     y: slice
     period: int
@@ -84,6 +87,19 @@ class Layout:
     first_row: Vector
     history: int
     texts: TextPlaces
+
+    def fed(self, links: slice | NDArray[np.intp], row: Vector) -> Vector:
+        """Return what links pass on of a row, without extrapolation."""
+        table = self.links
+        fed: Vector = table.gain[links] * row[table.source[links]] + table.offset[links]
+        return fed
+
+    def inputs(self, part: Part, row: Vector) -> Vector:
+        """Return the inputs of a part at the instant of a row, without derivatives."""
+        u = part.values.copy()
+        links = slice(part.behind, part.end)
+        u[self.links.target[links] - part.place] = self.fed(links, row)
+        return u
 
     def tables(self) -> tuple[Integers, Integers]:
         """Return the parts, without their steps, and the links as the compiled loop takes them.
@@ -244,6 +260,7 @@ def _parts(
             Part(
                 name,
                 component,
+                begin,
                 u[begin : begin + width],
                 columns[name],
                 system.rates.get(name, 1),

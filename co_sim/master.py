@@ -160,13 +160,7 @@ class Master:
     def inputs_of(self, name: str) -> Vector:
         """Return the inputs of a component as they are now, without extrapolation."""
         part = next(part for part in self._layout.parts if part.name == name)
-        u = self._layout.u.copy()
-        links, of_part = self._layout.links, slice(part.behind, part.end)
-        u[links.target[of_part]] = (
-            links.gain[of_part] * self._rows[self._row, links.source[of_part]] + links.offset[of_part]
-        )
-        begin = part.u.ctypes.data - self._layout.u.ctypes.data
-        return u[begin // u.itemsize :][: part.values.size]
+        return self._layout.inputs(part, self._rows[self._row])
 
     def start(self) -> None:
         """Start all components and settle their values at `t0`; does nothing if they are started.
