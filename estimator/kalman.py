@@ -21,9 +21,24 @@ from estimator.structure.subspaces import observable_part
 if TYPE_CHECKING:
     import control
 
-__all__ = ["LinearFilter", "design_filter", "discretise", "observable_part"]
+__all__ = [
+    "LinearFilter",
+    "NoSteadyStateError",
+    "design_filter",
+    "discretise",
+    "observable_part",
+    "steady_covariance",
+    "visible_model",
+]
 
 Array = NDArray[np.float64]
+
+#: Least decay of a steady filter's errors in one step. Below it stands rounding, not damping.
+_DECAY = 1e-10
+
+
+class NoSteadyStateError(ValueError):
+    """A model has no steady-state filter with decaying errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +80,24 @@ def design_filter(model: control.StateSpace, W: Array, R: Array, h: float, *, na
         If the model has feedthrough, states cannot be left out one by one, or no steady-state filter with
         decaying errors exists.
     """
+    A, G, C, kept, hidden = visible_model(model, name)
+    F, Q = discretise(A, G, W, h)
+    P = steady_covariance(F, C, Q, R, name)
+    S = C @ P @ C.T + R
+    K = linalg.solve(S, C @ P, assume_a="pos").T
+    return LinearFilter(name, F, C, K, S, P, Q, R, kept, hidden)
+
+
+def visible_model(
+    model: control.StateSpace, name: str
+) -> tuple[Array, Array, Array, tuple[str, ...], tuple[str, ...]]:
+    """Return A, B and C on the states that the measurements can see, their names, and those of the others.
+
+    Raises
+    ------
+    ValueError
+        If the model has feedthrough or states cannot be left out one by one.
+    """
     A, G, C = (np.asarray(M, dtype=np.float64) for M in (model.A, model.B, model.C))
     if np.any(model.D):
         raise ValueError(
@@ -78,27 +111,27 @@ def design_filter(model: control.StateSpace, W: Array, R: Array, h: float, *, na
             f"{name}: got an unobservable part that is a mixture of states, expected single states; "
             f"transform the model to its Kalman decomposition first"
         )
-    F, Q = discretise(A[np.ix_(kept, kept)], G[kept], W, h)
-    H = C[:, kept]
-    P = _predicted_covariance(F, H, Q, R, name)
-    S = H @ P @ H.T + R
-    K = linalg.solve(S, H @ P, assume_a="pos").T
-    labels = model.state_labels
-    return LinearFilter(
-        name, F, H, K, S, P, Q, R, tuple(labels[i] for i in kept), tuple(labels[i] for i in hidden)
-    )
+    seen, unseen = (tuple(model.state_labels[i] for i in states) for states in (kept, hidden))
+    return A[np.ix_(kept, kept)], G[kept], C[:, kept], seen, unseen
 
 
-def _predicted_covariance(F: Array, H: Array, Q: Array, R: Array, name: str) -> Array:
-    """Solve the Riccati equation for the predicted covariance and check that errors decay."""
+def steady_covariance(F: Array, H: Array, Q: Array, R: Array, name: str) -> Array:
+    """Solve the Riccati equation for the predicted covariance (s, s).
+
+    Raises
+    ------
+    NoSteadyStateError
+        If there is no solution whose errors decay.
+    """
     try:
         P = linalg.solve_discrete_are(F.T, H.T, Q, R)
     except (linalg.LinAlgError, ValueError) as error:
-        raise ValueError(_no_filter(name, str(error))) from error
+        raise NoSteadyStateError(_no_filter(name, str(error))) from error
     K = linalg.solve(H @ P @ H.T + R, H @ P, assume_a="pos").T
     radius = float(np.max(np.abs(np.linalg.eigvals(F - F @ K @ H))))
-    if radius >= 1.0:
-        raise ValueError(_no_filter(name, f"its errors would not decay (spectral radius {radius:.9f})"))
+    if radius >= 1.0 - _DECAY:
+        reason = f"its errors would not decay (spectral radius {radius:.9f})"
+        raise NoSteadyStateError(_no_filter(name, reason))
     return np.asarray((P + P.T) / 2.0)
 
 

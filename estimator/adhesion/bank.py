@@ -20,6 +20,7 @@ from estimator.adhesion.evidence import Belief, Judgement, Rules, judge
 from estimator.adhesion.hypotheses import Hypothesis, with_torque, without_torque
 from estimator.adhesion.motion import N_X, Vehicle
 from estimator.adhesion.start import Prior
+from estimator.sensor_noise import SensorNoise
 from estimator.track_spectrum import ERRI_B176
 from fmu_wheelset.parameters import CONDITIONS, WheelsetParameters
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from estimator.track_spectrum import TrackSpectrum
     from fmu_wheelset.parameters import RailCondition
 
-__all__ = ["AdhesionBank", "AdhesionIdentification", "SensorNoise"]
+__all__ = ["AdhesionBank", "AdhesionIdentification"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -41,23 +42,6 @@ BLOCK = 0.01
 _RATE_TIME = 0.1
 #: Speed below which the creepages are divided by it instead, m/s.
 _SLOWEST = 0.5
-
-
-@dataclass(frozen=True)
-class SensorNoise:
-    """White noise of each sample, rms: yaw rate in rad/s, lateral acceleration in m/s2."""
-
-    yaw_rate: float = 1e-3
-    lateral_acceleration: float = 0.05
-
-    def __post_init__(self) -> None:
-        for name in ("yaw_rate", "lateral_acceleration"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(
-                    f"sensor noise {name}: got {value!r}, expected a finite value > 0; "
-                    f"a filter needs the rms of its sensors"
-                )
 
 
 @dataclass(frozen=True, eq=False)

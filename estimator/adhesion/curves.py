@@ -14,19 +14,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.contact import CreepCurve
+from estimator.contact import KNEE_SLOPE, CreepCurve
 
 if TYPE_CHECKING:
     from fmu_wheelset.parameters import RailCondition, WheelsetParameters
 
-__all__ = ["KNEE", "REGIONS", "Curves", "curves_of", "landmarks"]
+__all__ = ["REGIONS", "Curves", "curves_of", "landmarks"]
 
 Array = NDArray[np.float64]
 
 #: Regions of the creep curve in the order of all results.
 REGIONS = ("linear", "peak", "unstable")
-#: Tangent at the knee over the initial slope.
-KNEE = 0.15
 #: Creep from which on a rail counts as past its peak, over the creep of the peak.
 PAST_PEAK = 1.05
 
@@ -76,7 +74,7 @@ def _landmarks_at(curve: CreepCurve) -> tuple[float, float, float]:
     shift = float(np.clip(0.5 * (above - below) / bend, -1.0, 1.0)) if bend > 0.0 else 0.0
     peak = at + 0.25 * (above - below) * shift
     creep = _CREEPS[i] * (_CREEPS[1] / _CREEPS[0]) ** shift
-    steep = curve.tangent(_CREEPS) >= KNEE * curve.initial_slope
+    steep = curve.tangent(_CREEPS) >= KNEE_SLOPE * curve.initial_slope
     knee = _CREEPS[min(int(np.argmin(steep)), i)]
     return peak / curve.N, float(creep), float(knee)
 
