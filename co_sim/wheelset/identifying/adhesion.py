@@ -40,7 +40,8 @@ def run_adhesion_bank(log: Log, settings: Settings) -> Answer:
     InputError
         If the rows are not a multiple of the bank's blocks of 10 ms apart.
     """
-    from estimator.adhesion.bank import BLOCK, AdhesionBank, SensorNoise
+    from estimator import SensorNoise
+    from estimator.adhesion.bank import BLOCK, AdhesionBank
 
     blocks = round(settings.every / BLOCK)
     if blocks < 1 or abs(settings.every - blocks * BLOCK) > 1e-6:

@@ -77,7 +77,8 @@ def _track(trial: Trial) -> str:
 
 
 def _adhesion(recording: Recording, trial: Trial, window: float | None) -> Answer:
-    from estimator.adhesion.bank import AdhesionBank, SensorNoise
+    from estimator import SensorNoise
+    from estimator.adhesion import AdhesionBank
 
     log = _log(recording, trial.speed_error, trial.torque_error)
     noise, track = SensorNoise(*_noise(trial)), ERRI_B176[_track(trial)]
@@ -90,7 +91,8 @@ def _recursive(recording: Recording, trial: Trial, window: float) -> Answer:
 
 def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
     """Return what can be said by one who knows the plant as it is."""
-    from estimator.adhesion.bank import AdhesionBank, SensorNoise
+    from estimator import SensorNoise
+    from estimator.adhesion import AdhesionBank
 
     # A bias that is known is subtracted.
     log = _log(recording, biases=(trial.gyro_bias, trial.accelerometer_bias))
