@@ -22,8 +22,14 @@ if TYPE_CHECKING:
 __all__ = ["draw_accuracy", "draw_calibration", "draw_confusion", "draw_latency", "draw_losses"]
 
 #: Colour of each bank in all figures.
-_SHADE = {"adhesion": COLOURS[0], "window": COLOURS[5], "paper": COLOURS[1], "matched": "0.25"}
-_MARK = {"adhesion": "o", "window": "^", "paper": "s", "matched": "D"}
+_SHADE = {
+    "adhesion": COLOURS[0],
+    "window": COLOURS[5],
+    "known": COLOURS[2],
+    "paper": COLOURS[1],
+    "matched": "0.25",
+}
+_MARK = {"adhesion": "o", "window": "^", "known": "v", "paper": "s", "matched": "D"}
 
 
 def _bars(ax: Axes, x: Array, shares: Sequence[Share], bank: str, *, line: bool) -> None:

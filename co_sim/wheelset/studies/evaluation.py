@@ -6,6 +6,7 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from co_sim.wheelset.identifying.adhesion import answer_of
+from co_sim.wheelset.identifying.answer import Answer
 from co_sim.wheelset.identifying.paper import PaperBank
 from co_sim.wheelset.identifying.vehicle import Vehicle
 from co_sim.wheelset.recordings import record
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from co_sim.campaign import Case
-    from co_sim.wheelset.identifying.answer import Answer
     from co_sim.wheelset.recordings import Recording
     from co_sim.wheelset.results import FilterDesign
     from co_sim.wheelset.studies.study import Study
@@ -28,6 +28,8 @@ __all__ = ["evaluate", "function_of"]
 
 #: Seconds between two rows of an answer.
 _EVERY = 0.01
+#: Probability from which on a bank that does not say whether it can be trusted is trusted.
+_SURE = 0.9
 
 
 def function_of(study: Study) -> Callable[[Case], dict[str, Any]]:
@@ -107,6 +109,27 @@ def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
     return answer_of(bank.run(log, workers=1), log)
 
 
+def _known(recording: Recording, trial: Trial, window: float) -> Answer:
+    """Return the region on the curve of a rail that is known, by linear filters at creepages along it."""
+    import numpy as np
+
+    from estimator import CreepCurve, SensorNoise
+    from estimator.region import RegionBank
+    from fmu_wheelset import CONDITIONS, WheelsetParameters
+
+    log = _log(recording, trial.speed_error)
+    curve = CreepCurve(CONDITIONS[trial.condition], trial.speed)
+    noise, track = SensorNoise(*_noise(trial)), ERRI_B176[_track(trial)]
+    said = RegionBank(curve, WheelsetParameters(), noise, track, log.h, window=window).run(log)
+    return Answer(
+        bank="known",
+        time=said.time,
+        samples=np.rint((said.time - log.time[0]) / log.h).astype(np.int64),
+        p_region=said.p_region,
+        identifiable=said.p_region.max(axis=1) >= _SURE,
+    )
+
+
 def _paper(recording: Recording, trial: Trial, window: float) -> Answer:
     # Designed at the true speed of the case: tuning takes seconds, and is kept for all cases of a speed.
     log = _log(recording)
@@ -132,4 +155,5 @@ _LOOK: dict[str, Callable[[Recording, Trial, float], Answer]] = {
     "window": _adhesion,
     "paper": _paper,
     "matched": _matched,
+    "known": _known,
 }

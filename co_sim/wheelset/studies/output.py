@@ -99,6 +99,7 @@ def _distribution(draw: Any) -> str:
 _MEANING = {
     "adhesion": "adhesion: extended Kalman filters with the nominal parameters, evidence that fades",
     "window": "window: the same with the evidence of one window",
+    "known": "known: linear filters along the curve of the rail, which they know",
     "paper": "paper: the three filters of Hussain et al. on the dry curve",
     "matched": "matched: as window, with the parameters, noise and track of the plant",
 }

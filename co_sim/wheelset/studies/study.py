@@ -21,10 +21,11 @@ if TYPE_CHECKING:
 
 __all__ = ["BANKS", "Study", "load_study", "packaged_studies"]
 
-Bank = Literal["adhesion", "window", "paper", "matched"]
+Bank = Literal["adhesion", "window", "paper", "matched", "known"]
 #: The banks that a study can compare: the adhesion bank of `wheelset identify`, whose evidence fades; the
 #: same with the evidence of one window; the bank of the paper; and one that knows the plant as it is, with
 #: the evidence of one window: the likelihood of the exact model, as far as extended Kalman filters have it.
+#: ``"known"`` is for an imposed creep on a known rail: linear filters along its creep curve.
 BANKS: tuple[Bank, ...] = ("adhesion", "window", "paper", "matched")
 
 
