@@ -14,8 +14,10 @@ from co_sim.wheelset.reporting.information import sensors_of
 from co_sim.wheelset.reporting.pairs import Pair, processes
 from co_sim.wheelset.sensors import SensorSpec
 from estimator.identifiability import (
+    divergence_rates,
     error_probability,
     window_covariance,
+    window_needed,
     window_rates,
 )
 from fmu_wheelset import CONDITIONS
