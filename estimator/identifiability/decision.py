@@ -75,7 +75,7 @@ def window_needed(rates: Rates, error: ArrayLike) -> Array:
     if not np.all((wanted > 0.0) & (wanted < 0.5)):
         raise ValueError(
             f"error probability: got {wanted.tolist()}, expected values between 0 and 0.5; guessing errs in "
-            f"one of two"
+            "one of two"
         )
     shape = np.broadcast_shapes(wanted.shape, rates.chernoff.shape)
     lower, upper = np.full(shape, math.log(_SHORTEST)), np.full(shape, math.log(_LONGEST))
@@ -101,7 +101,7 @@ def error_of_many(pairs: ErrorProbability, hypotheses: int) -> ErrorProbability:
     if hypotheses < 2 or pairs.upper.shape[:1] != (count,):
         raise ValueError(
             f"pairs: got {pairs.upper.shape[:1]} of {hypotheses} hypotheses, expected ({max(count, 1)},); "
-            f"give every pair once"
+            "give every pair once"
         )
     share = 2.0 / hypotheses
     upper = np.minimum(share * np.sum(pairs.upper, axis=0), 1.0 - 1.0 / hypotheses)

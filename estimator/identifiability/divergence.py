@@ -61,8 +61,7 @@ def divergence_rates(p: Process, q: Process) -> Rates:
     if p.outputs != q.outputs or p.h != q.h or p.batch != q.batch:
         raise ValueError(
             f"pair of processes: got {p.outputs} every {p.h:g} s and {q.outputs} every {q.h:g} s, expected "
-            f"the "
-            f"same measurements, sample time and batch; observe both alike"
+            "the same measurements, sample time and batch; observe both alike"
         )
     omega, weights = frequency_grid(p, q)
     ratio = _eigenvalues(spectrum(p, omega), spectrum(q, omega))

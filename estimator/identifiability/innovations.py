@@ -91,8 +91,7 @@ def _check_pair(p: Process, q: Process) -> None:
     if p.outputs != q.outputs or p.h != q.h or p.batch or q.batch:
         raise ValueError(
             f"pair of processes: got {p.outputs} every {p.h:g} s and {q.outputs} every {q.h:g} s, expected "
-            f"two "
-            f"single processes with the same measurements and sample time; observe both alike"
+            "two single processes with the same measurements and sample time; observe both alike"
         )
 
 

@@ -52,13 +52,12 @@ class Sensor:
         if not (math.isfinite(self.noise) and self.noise > 0.0):
             raise ValueError(
                 f"sensor of {self.output}: got a noise of {self.noise:g} rms, expected a finite value > 0; "
-                f"without noise every window, however short, tells all"
+                "without noise every window, however short, tells all"
             )
         if self.bandwidth is not None and not (math.isfinite(self.bandwidth) and self.bandwidth > 0.0):
             raise ValueError(
-                f"sensor of {self.output}: got a bandwidth of {self.bandwidth:g} Hz, expected a finite "
-                f"value > 0; "
-                f"use None for a sensor without low-pass"
+                f"sensor of {self.output}: got a bandwidth of {self.bandwidth:g} Hz, expected a finite value "
+                "> 0; use None for a sensor without low-pass"
             )
 
 
@@ -144,7 +143,7 @@ def _rows(process: Process, outputs: Sequence[str]) -> list[int]:
     if missing or not outputs:
         raise ValueError(
             f"sensors: got {', '.join(missing) or 'none'}, expected some of {', '.join(process.outputs)}; "
-            f"observe the model with these sensors first"
+            "observe the model with these sensors first"
         )
     return [process.outputs.index(name) for name in outputs]
 
@@ -193,8 +192,8 @@ def differentiate(
     sizes = np.asarray(scale, dtype=np.float64)
     if sizes.shape != (len(names),) or not np.all(np.isfinite(sizes) & (sizes > 0.0)):
         raise ValueError(
-            f"scale: got {sizes.tolist()}, expected a value > 0 for each of {', '.join(names)}; "
-            f"give the size of a change that would matter"
+            f"scale: got {sizes.tolist()}, expected a value > 0 for each of {', '.join(names)}; give the "
+            "size of a change that would matter"
         )
     model = move(np.zeros(sizes.size))
     A, G, _C = _sensed(model, sensors, h)
@@ -223,8 +222,8 @@ def _sensed(model: control.StateSpace, sensors: Sequence[Sensor], h: float) -> t
     unknown = sorted({sensor.output for sensor in sensors} - set(labels))
     if unknown or not sensors:
         raise ValueError(
-            f"sensors: got {', '.join(unknown) or 'none'}, expected some of {', '.join(labels)}; "
-            f"choose outputs of the model"
+            f"sensors: got {', '.join(unknown) or 'none'}, expected some of {', '.join(labels)}; choose "
+            "outputs of the model"
         )
     rows = [labels.index(sensor.output) for sensor in sensors]
     A, G = np.asarray(model.A, dtype=np.float64), np.asarray(model.B, dtype=np.float64)
@@ -235,8 +234,7 @@ def _sensed(model: control.StateSpace, sensors: Sequence[Sensor], h: float) -> t
         elif np.any(D[i]):
             raise ValueError(
                 f"sensor of {sensor.output}: got white noise in what it samples, expected a low-pass in "
-                f"between; "
-                f"give the sensor a bandwidth"
+                "between; give the sensor a bandwidth"
             )
     return A, G, C
 

@@ -45,8 +45,7 @@ def limit(
     if not (0.0 < bounds[0] < bounds[1] and 0.0 < error < 0.5 and window > 0.0):
         raise ValueError(
             f"sensor design: got bounds {bounds}, error {error:g} and window {window:g} s, expected rising "
-            f"bounds "
-            f"> 0, an error between 0 and 0.5 and a window > 0; change them"
+            "bounds > 0, an error between 0 and 0.5 and a window > 0; change them"
         )
 
     def enough(value: float) -> bool:

@@ -74,7 +74,7 @@ def driven_by_track(
     if input_name not in labels:
         raise ValueError(
             f"track: got no input {input_name}, expected one of {', '.join(labels)}; name the one that is "
-            f"the offset"
+            "the offset"
         )
     column = labels.index(input_name)
     slow, fast = track.Omega_r * v, track.Omega_c * v

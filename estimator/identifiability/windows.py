@@ -27,8 +27,7 @@ Start: TypeAlias = "Array | Literal['rest', 'steady']"
 _LARGEST = 4000
 _OUTGROWN = (
     "window: got an unstable process that outgrows its noise by more than numbers can hold, expected a "
-    "shorter "
-    "window; such motion has long left the range of a linear model"
+    "shorter window; such motion has long left the range of a linear model"
 )
 
 
@@ -43,8 +42,7 @@ def steady_covariance(process: Process) -> Array:
     if process.batch or not process.steady():
         raise ValueError(
             "steady state: got a batch or a process with modes that do not decay, expected a single one in "
-            "which "
-            "all do; start from rest or from a covariance"
+            "which all do; start from rest or from a covariance"
         )
     return _lyapunov(process.F, process.Q)
 
@@ -85,8 +83,8 @@ def _check_window(process: Process, samples: int) -> None:
     if process.batch or not 1 <= samples * m <= _LARGEST:
         raise ValueError(
             f"window: got {samples} samples of {m} measurements of a batch of shape {process.batch}, "
-            f"expected a "
-            f"single process and 1 to {_LARGEST // m} samples; shorten the window or sample more slowly"
+            f"expected a single process and 1 to {_LARGEST // m} samples; shorten the window or sample more "
+            "slowly"
         )
 
 

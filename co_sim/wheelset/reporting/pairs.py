@@ -91,12 +91,15 @@ def chosen_pairs(setup: Setup, conditions: Sequence[str], speeds: Sequence[float
     found: dict[tuple[float, frozenset[str]], Pair] = {}
     for speed in speeds:
         curves = {name: curve_of(name, speed, setup) for name in CONDITIONS}
-        for condition in conditions:
-            adhesion = _UTILISATION * curves[condition].peak_adhesion
-            force = adhesion * curves[condition].N
-            points = averaged_same_force([force], curves, setup.spectrum, setup.wheelset)
-            own = points.pop(condition)[0]
-            rivals = [Pair(condition, name, own, q, adhesion) for name, (q,) in points.items() if own and q]
+        adhesions = [_UTILISATION * curves[name].peak_adhesion for name in conditions]
+        forces = np.array(adhesions) * setup.wheelset.N
+        points = averaged_same_force(forces, curves, setup.spectrum, setup.wheelset)
+        for k, (condition, adhesion) in enumerate(zip(conditions, adhesions, strict=True)):
+            own = points[condition][k]
+            others = {name: ones[k] for name, ones in points.items() if name != condition}
+            rivals = [
+                Pair(condition, name, own, other, adhesion) for name, other in others.items() if own and other
+            ]
             if rivals:
                 hardest = min(rivals, key=lambda pair: float(_rates(pair, setup).chernoff))
                 found.setdefault((speed, frozenset((hardest.first, hardest.second))), hardest)
