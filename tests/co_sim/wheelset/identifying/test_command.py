@@ -34,6 +34,12 @@ def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("co_sim.wheelset.identifying.paper._TRAINING", 1.2)
 
 
+@pytest.fixture
+def _undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No figures, where nobody looks at them."""
+    monkeypatch.setattr("co_sim.wheelset.identifying.figures.draw", lambda done, folder: [])
+
+
 def rows_of(folder: Path) -> list[dict[str, str]]:
     with (folder / "identification.csv").open(encoding="utf-8", newline="") as file:
         reader = csv.DictReader(file)
@@ -177,6 +183,7 @@ def test_page_and_summary_of_the_adhesion_bank(adhesion: Path) -> None:
     }
 
 
+@pytest.mark.usefixtures("_undrawn")
 def test_formats_give_the_same_rows(ride: Ride, tmp_path: Path) -> None:
     short = {name: values[:1500] for name, values in ride.columns.items()}
     parquet.write_table(pyarrow.table(short), tmp_path / "a.parquet")
@@ -190,6 +197,7 @@ def test_formats_give_the_same_rows(ride: Ride, tmp_path: Path) -> None:
     assert answers[0].count(b"\n") == 16
 
 
+@pytest.mark.usefixtures("_undrawn")
 def test_speed_option_and_no_torque(ride: Ride, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names = ("time", "yaw_rate", "lateral_acceleration")
     write_log(tmp_path / "a.csv", {name: ride.columns[name][:1500] for name in names})
@@ -205,6 +213,7 @@ def test_speed_option_and_no_torque(ride: Ride, tmp_path: Path, capsys: pytest.C
     assert "much less is identifiable" in summary["bank"]["notes"][0]
 
 
+@pytest.mark.usefixtures("_undrawn")
 def test_a_vehicle_of_ones_own(log: Path, tmp_path: Path) -> None:
     (tmp_path / "loco.toml").write_text(
         "m_w = 1500\n[patch]\na = 7e-3\n[conditions.dry]\nmu_0 = 0.5\n", encoding="utf-8"
@@ -253,6 +262,7 @@ def test_every_fault_at_once_is_survived(ride: Ride, tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.usefixtures("_undrawn")
 @pytest.mark.parametrize("rate", [100, 400])
 def test_slow_loggers(ride: Ride, rate: int, tmp_path: Path) -> None:
     step = 1000 // rate
@@ -263,6 +273,7 @@ def test_slow_loggers(ride: Ride, rate: int, tmp_path: Path) -> None:
     assert {row["condition"] for row in rows[-50:]} == {"dry"}
 
 
+@pytest.mark.usefixtures("_undrawn")
 def test_at_rest_nothing_is_identifiable(ride: Ride, tmp_path: Path) -> None:
     n = 1000
     rng = np.random.default_rng(1)
@@ -339,7 +350,7 @@ def test_the_paper_needs_a_wheelset_that_runs(
     assert "needs a wheelset that runs" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("_quickly")
+@pytest.mark.usefixtures("_quickly", "_undrawn")
 def test_varying_speed_is_warned_about(ride: Ride, tmp_path: Path) -> None:
     time = ride.columns["time"]
     write_log(tmp_path / "a.csv", ride.changed(speed=15.0 + 2.5 * time))
