@@ -27,8 +27,8 @@ _CAPTIONS = {
     "bogie_system": "The system in bogie.ssp; of the ports, those that are connected are shown.",
     "bogie_motion": "Motion of wheelsets and frame over time, and the track's lateral offset under the front "
     "wheelset. Displacements are positive to the left of travel, yaw is so counter-clockwise from above.",
-    "bogie_loads": "Lateral force and yaw moment of the primary suspension on each wheelset over time, with the "
-    "signs of the motions.",
+    "bogie_loads": "Lateral force and yaw moment of the primary suspension on each wheelset over time, with "
+    "the signs of the motions.",
 }
 #: Quantities of each wheelset: signal, factor to the unit that is shown, and the unit.
 _QUANTITIES = {
