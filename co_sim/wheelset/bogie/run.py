@@ -13,7 +13,14 @@ from co_sim.files import whole_file
 from co_sim.master import Master
 from co_sim.observers import CsvWriter, Recorder
 from co_sim.supervisor import Supervised, start_server
-from co_sim.wheelset.bogie.assembly import Ride, assemble, assemble_fmus, build_frame, build_track
+from co_sim.wheelset.bogie.assembly import (
+    Ride,
+    assemble,
+    assemble_fmus,
+    build_frame,
+    build_track,
+    require_exporter,
+)
 from co_sim.wheelset.bogie.choice import choose
 from co_sim.wheelset.track import synthesise
 from estimator.track_spectrum import ERRI_B176
@@ -70,16 +77,20 @@ class BogieRun:
         return recorder
 
     def write(self, record: Recorder, folder: Path) -> None:
-        """Write figures, summary.json and report.html; a file of an earlier run is replaced."""
+        """Write figures, summary.json and report.html, after `write_system`; earlier files are replaced."""
+        from co_sim.diagram.drawing import draw as draw_diagram
+        from co_sim.ssp.summary import summarise
         from co_sim.wheelset.bogie.figures import draw
         from co_sim.wheelset.bogie.report import write_report
 
         figures = folder / "figures"
         figures.mkdir(exist_ok=True)
-        drawings = draw(record, figures)
+        system = figures / "bogie_system.png"
+        draw_diagram(summarise(folder / "bogie.ssp").pictures, system)
+        drawings = [system, *draw(record, figures)]
         with whole_file(folder / "summary.json") as temporary:
             temporary.write_text(json.dumps(self._summary(record), indent=2) + "\n", encoding="utf-8")
-        write_report(self, drawings, folder / "report.html")
+        write_report(self, record, drawings, folder / "report.html")
 
     def write_system(self, folder: Path) -> None:
         """Write bogie.ssp: the same system of FMUs alone, with the step and coupling that were chosen."""
@@ -120,8 +131,10 @@ def prepare(folder: Path, seed: int = 1, *, in_process: bool = False) -> BogieRu
     Raises
     ------
     InputError
-        If the frame's FMU has no library for this platform, or no coupling is good enough.
+        If the exporter has no library for this platform, in which case nothing is written, or no coupling is
+        good enough.
     """
+    require_exporter()
     if not in_process:
         # It gets ready while the FMUs are built.
         start_server(assemble.__module__)
