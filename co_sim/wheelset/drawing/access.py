@@ -162,7 +162,7 @@ def _limits(values: Array) -> tuple[float, float]:
 
 
 def _bar(sheet: Sheet, image: AxesImage, limits: tuple[float, float], label: str) -> None:
-    height = min(2.2, sheet.height - 1.9)
+    height = max(0.5, min(2.2, sheet.height - 1.9))
     ax = sheet.axes(sheet.width - _RIGHT + 0.2, sheet.top - 0.3 - height, 0.16, height)
     sheet.figure.colorbar(image, cax=ax, format=lambda value, _: power_of_ten(10.0**value))
     low, high = limits
