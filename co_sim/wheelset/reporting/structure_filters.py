@@ -96,7 +96,7 @@ def filter_section(setup: Setup, grid: Grid, progress: Callable[[float], None]) 
         },
         axes={"noise": _NOISES, "set": found.names, "direction": tuple(range(1, _ORDER + 1))},
         tables=(_table(found, grid),),
-        figures=(_figure(setup, found, grid),),
+        figures=(_figure(setup, found, grid),) if found.hankel.any() else (),
         summary=(words[0],),
         brief={"steady filter": _brief(found, main, grid)},
     )

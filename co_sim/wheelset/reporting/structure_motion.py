@@ -239,7 +239,8 @@ def _words(found: Motion, grid: Grid) -> list[str]:
         for name, row in zip(grid.conditions, found.limits, strict=True)
     ]
     words.append(
-        f"Critical speeds with hardly any creepage ({number(100.0 * _CREEPAGES[0], 1)} %): {listed(critical)}."
+        f"Critical speeds with hardly any creepage ({number(100.0 * _CREEPAGES[0], 1)} %): "
+        f"{listed(critical)}."
     )
     return words
 
