@@ -182,6 +182,7 @@ _MARGINS = {
     "reach": "Which modes do the inputs nearly miss?",
     "sight": "Which modes do the sensors nearly miss?",
 }
+_LOSS = {"reach": "put a mode out of reach", "sight": "hide a mode"}
 _VERBS = {
     "reach": ("reach", "reaches", "reached", "stabilisable"),
     "sight": ("see", "sees", "seen", "detectable"),
@@ -266,7 +267,7 @@ def _words(kind: Kind, found: Access, grid: Grid, main: str) -> list[str]:
         words.append(
             f"Where all is {past}, it is nearest to a loss on {_plain(grid.conditions[i])} rail at "
             f"{quantity(grid.speeds[j], 'm/s')}, {grid.point_names[k]}: a relative change of "
-            f"{number(float(values[i, j, k]), 2)} would hide a mode."
+            f"{number(float(values[i, j, k]), 2)} would {_LOSS[kind]}."
         )
     for p in range(grid.shape[2]):
         hidden = sorted({name for text in found.hidden[s, :, :, p].flat for name in text.split(", ") if name})
