@@ -9,7 +9,7 @@ rail -----> plant ----> sensors ----> identifier
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from co_sim.wheelset.track import TrackInput
 from fmu_wheelset import RailCondition, path
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from co_sim.component import Component
     from co_sim.wheelset.scenario import Rail, Scenario
@@ -33,7 +33,16 @@ if TYPE_CHECKING:
     from estimator import Identifier
     from fmu_wheelset import WheelsetParameters
 
-__all__ = ["MEASURED", "Case", "assemble", "plant_parameters", "sampling_period"]
+__all__ = [
+    "MEASURED",
+    "Case",
+    "assemble",
+    "plant_fmu",
+    "plant_parameters",
+    "rail_table",
+    "sampling_period",
+    "wires_of_plant",
+]
 
 #: What each sensor measures: output of the plant and its unit, in the order of (14).
 MEASURED = dict(zip(("gyro", "accelerometer"), MEASUREMENTS, strict=True))
@@ -97,17 +106,18 @@ def assemble(scenario: Scenario, case: Case, identifier: Identifier | None) -> S
         "drive": _drive(scenario, case),
         "rail": _rail(scenario, case),
         "track": TrackInput(case.track, ramp=scenario.track.ramp),
-        "plant": _plant(scenario, case),
+        "plant": plant_fmu(scenario.parameters, case.mode, case.creep, scenario.fmu.version),
         "sensors": _sensors(scenario, case),
     }
-    wires = list(_wires(components["rail"]))
+    wires = list(wires_of_plant(components["rail"]))
     if identifier is not None:
         components["identifier"] = IdentifierComponent(identifier, period=sampling_period(scenario))
         wires += [Connection(f"sensors.{name}", f"identifier.{name}") for name, _ in MEASURED.values()]
     return System(components, wires)
 
 
-def _wires(rail: Component) -> Iterator[Connection]:
+def wires_of_plant(rail: Component) -> Iterator[Connection]:
+    """Yield the connections that every run has: of drive, rail, track, plant and sensors."""
     for name in ("speed", "prescribed_creepage", "traction_torque"):
         yield Connection(f"drive.{name}", f"plant.{name}")
     yield Connection("drive.speed", "track.speed")
@@ -118,14 +128,20 @@ def _wires(rail: Component) -> Iterator[Connection]:
         yield Connection(f"plant.{name}", f"sensors.{name}")
 
 
-def _plant(scenario: Scenario, case: Case) -> FmuComponent:
-    """Return the wheelset FMU with the scenario's parameters."""
+def plant_fmu(wheelset: WheelsetParameters, mode: str, creep: float, fmi: Literal[2, 3] = 3) -> FmuComponent:
+    """Return the wheelset FMU.
+
+    Parameters
+    ----------
+    wheelset : its parameters. mode : drive mode. fmi : version of the standard.
+    creep : longitudinal creepage at the start, torque driven.
+    """
     parameters: dict[str, float | int | bool | str] = {
-        "drive_mode": case.mode,
-        "initial_creepage": case.creep,
-        **plant_parameters(scenario.parameters),
+        "drive_mode": mode,
+        "initial_creepage": creep,
+        **plant_parameters(wheelset),
     }
-    return FmuComponent(path(fmi=scenario.fmu.version), outputs=_OUTPUTS, parameters=parameters)
+    return FmuComponent(path(fmi=fmi), outputs=_OUTPUTS, parameters=parameters)
 
 
 def plant_parameters(wheelset: WheelsetParameters) -> dict[str, float]:
@@ -153,17 +169,28 @@ def _drive(scenario: Scenario, case: Case) -> TimeTable:
 
 
 def _rail(scenario: Scenario, case: Case) -> TimeTable:
-    """Return the rail conditions and normal loads over time, under both wheels."""
+    times = [stretch.since for stretch in case.rail]
+    conditions = [[scenario.condition(name) for name in stretch.sides] for stretch in case.rail]
+    return rail_table(times, conditions, scenario.parameters.N)
+
+
+def rail_table(times: Sequence[float], conditions: Sequence[Sequence[RailCondition]], N: float) -> TimeTable:
+    """Return the rail conditions and normal loads over time, under both wheels.
+
+    Parameters
+    ----------
+    times : from which each stretch of rail lies under the wheelset, s.
+    conditions : under the left and the right wheel, for each stretch.
+    N : normal load of each wheel, N.
+    """
     parameters = fields(RailCondition)
     ports, columns = [], []
     for index, side in enumerate(_SIDES):
-        conditions = [scenario.condition(stretch.sides[index]) for stretch in case.rail]
         for declared in parameters:
             ports.append(Port(f"rail_{side}.{declared.name}", declared.metadata["unit"]))
-            columns.append([getattr(condition, declared.name) for condition in conditions])
+            columns.append([getattr(pair[index], declared.name) for pair in conditions])
         ports.append(Port(f"normal_load_{side}", "N"))
-        columns.append([scenario.parameters.N] * len(conditions))
-    times = [stretch.since for stretch in case.rail]
+        columns.append([N] * len(conditions))
     return TimeTable(times, np.array(columns).T, ports, interpolation="hold")
 
 

@@ -100,10 +100,9 @@ def _behaviour(modes: Sequence[Mode]) -> str:
     parts = []
     if counts["grows"]:
         fastest = min((m for m in modes if m.behaviour == "grows"), key=lambda m: m.time_constant)
-        parts.append(
-            f"{counts['grows']} grow{'s' if counts['grows'] == 1 else ''}, the fastest by the factor e in "
-            f"{quantity(fastest.time_constant, 's')} at {quantity(fastest.frequency, 'Hz')}"
-        )
+        at = f" at {quantity(fastest.frequency, 'Hz')}" if fastest.frequency > 0.0 else ""
+        some = "1 grows" if counts["grows"] == 1 else f"{counts['grows']} grow, the fastest"
+        parts.append(f"{some} by the factor e in {quantity(fastest.time_constant, 's')}{at}")
     if counts["undamped"]:
         one = counts["undamped"] == 1
         parts.append(f"{counts['undamped']} neither decay{'s' if one else ''} nor grow{'s' if one else ''}")
@@ -152,7 +151,7 @@ def _access(found: Structure, sets: Mapping[str, Access], kind: Literal["reached
     over = ("set",)
     noun = property_.replace("able", "ability")
     numbers = {
-        "rank": Quantity([a.rank.rank for a in every], "1", f"dimension that the set {verb}s", over),
+        "rank": Quantity([a.rank.rank for a in every], "1", f"dimension that the set {_one(verb)}", over),
         "singular_value": Quantity(
             np.array([a.rank.singular_values for a in every]).reshape(len(names), order),
             "1",
@@ -200,10 +199,10 @@ def _best(found: Structure, sets: Mapping[str, Access], verb: str) -> str:
     access = sets[name]
     together = "Both" if len(access.signals) == 2 else f"All {len(access.signals)}"
     who = f"{together} together" if name == "all" else capital(name)
-    s = "" if name == "all" else "s"
+    does = verb if name == "all" else _one(verb)
     if access.rank.full:
         return (
-            f"{who} {verb}{s} the whole model; a relative change of {number(access.distance.value, 2)} "
+            f"{who} {does} the whole model; a relative change of {number(access.distance.value, 2)} "
             f"of the scaled model would hide a mode."
         )
     hidden = [
@@ -213,7 +212,12 @@ def _best(found: Structure, sets: Mapping[str, Access], verb: str) -> str:
     ]
     told = [*hidden[:_TOLD], f"{len(hidden) - _TOLD} more"] if len(hidden) > _TOLD else hidden
     lost = f"; lost: {listed(told)}" if told else ""
-    return f"{who} {verb}{s} {access.rank.rank} of {found.system.order} dimensions{lost}."
+    return f"{who} {does} {access.rank.rank} of {found.system.order} dimensions{lost}."
+
+
+def _one(verb: str) -> str:
+    """Return the verb as one does it."""
+    return f"{verb}{'es' if verb.endswith('ch') else 's'}"
 
 
 def _described(mode: Mode) -> str:
@@ -229,7 +233,7 @@ def _blind(sets: Mapping[str, Access], verb: str) -> str:
     if not none:
         return ""
     told = [*none[:_TOLD], f"{len(none) - _TOLD} more"] if len(none) > _TOLD else none
-    return f"{listed(told)} {verb}{'s' if len(none) == 1 else ''} nothing of it."
+    return f"{capital(listed(told))} {_one(verb) if len(none) == 1 else verb} nothing of it."
 
 
 def _access_table(sets: Mapping[str, Access], order: int, signals: str, property_: str) -> Table:
