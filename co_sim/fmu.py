@@ -35,6 +35,7 @@ from co_sim.fmu_variables import (
 )
 from co_sim.local_model import NotLinearizableError
 from co_sim.native import NativeComponent
+from co_sim.responses import model_from_responses
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -153,6 +154,7 @@ class FmuComponent(NativeComponent):
         self._slave: Slave | None = None
         self._binding: Binding | None = None
         self._resources = ExitStack()
+        self._h = 0.0
 
     def __deepcopy__(self, memo: object) -> Self:
         # Nothing is shared that ever changes.
@@ -206,6 +208,7 @@ class FmuComponent(NativeComponent):
             If `h` is no multiple of the fixed steps that the FMU says it makes inside (FMI 3).
         """
         self._compare_steps(h)
+        self._h = h
         alone = self._interface.canBeInstantiatedOnlyOncePerProcess
         folder = self._resources.enter_context(unpacked(self._path, alone=alone))
         slave = self._slave_type(self._description, folder, self.instance_name)
@@ -351,15 +354,19 @@ class FmuComponent(NativeComponent):
     def linearize(self, t: float, u: Vector) -> LocalModel:
         """Return the linear model near the present state, from directional derivatives.
 
-        Ports that are not continuous stay as they are: their rows and columns are zero. An FMU without inputs
-        that tells no states acts on the others and does not react: its model is empty.
+        An FMU that provides none, or does not tell its states, answers to pulses instead, if it can save
+        its state (`co_sim.responses`). Ports that are not continuous stay as they are: their rows and columns
+        are zero. An FMU without inputs that tells no states acts on the others and does not react: its model
+        is empty.
         """
         if not self.inputs and self.states is None:
             return super().linearize(t, u)
-        self._bound.set_inputs(u)
         try:
+            if self._can_return and (self.states is None or not self.provides_derivatives):
+                return model_from_responses(self, t, self._h, np.array(u))
+            self._bound.set_inputs(u)
             return local_model(self)
-        except FmuError as error:
+        except (FmuError, StateError) as error:
             raise NotLinearizableError(str(error)) from error
 
     def close(self) -> None:
@@ -371,6 +378,10 @@ class FmuComponent(NativeComponent):
     def _interface(self) -> Any:
         """What the description says about the interface type that is used."""
         return self._slave_type.interface(self._description)
+
+    @property
+    def _can_return(self) -> bool:
+        return bool(self._interface.canGetAndSetFMUstate)
 
     def _compare_steps(self, h: float) -> None:
         own = getattr(self._interface, "fixedInternalStepSize", None)

@@ -18,7 +18,7 @@ from rich.table import Table
 from co_sim.cli_tools import check, inspect
 from co_sim.errors import InputError, RunError
 from co_sim.tool.simulate import simulate
-from co_sim.wheelset.reporting.command import report
+from co_sim.wheelset.report_command import report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from estimator.structure.distance import Distance, distance_to_uncontrollable, distance_to_unobservable
-from estimator.structure.filters import Verdict, detectable, stabilisable
+from estimator.structure.filters import Verdict, reach, sight
 from estimator.structure.margins import ModeMargin, controllability_margins, observability_margins
 from estimator.structure.modes import Mode, modes
 from estimator.structure.scaling import Scales, natural_scales
@@ -115,24 +115,26 @@ def _each_and_all(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
 
 
 def _reached(system: LinearSystem, inputs: Sequence[str], scales: Scales) -> Access:
+    margins = controllability_margins(system, inputs, scales=scales)
     return Access(
         tuple(inputs),
         controllability_rank(system, inputs, scales=scales),
-        controllability_margins(system, inputs, scales=scales),
+        margins,
         distance_to_uncontrollable(system, inputs, scales=scales),
         distance_to_uncontrollable(system, inputs, scales=scales, region="not decaying"),
-        stabilisable(system, inputs, scales=scales),
+        reach(margins),
     )
 
 
 def _seen(system: LinearSystem, outputs: Sequence[str], scales: Scales) -> Access:
+    margins = observability_margins(system, outputs, scales=scales)
     return Access(
         tuple(outputs),
         observability_rank(system, outputs, scales=scales),
-        observability_margins(system, outputs, scales=scales),
+        margins,
         distance_to_unobservable(system, outputs, scales=scales),
         distance_to_unobservable(system, outputs, scales=scales, region="not decaying"),
-        detectable(system, outputs, scales=scales),
+        sight(margins),
     )
 
 

@@ -115,9 +115,14 @@ def _distance(
     return Distance(value / scale, lower / scale, s / time, part.inputs, region)
 
 
+def smallest(A: Array, B: Array, s: Complex) -> Array:
+    """Return the smallest singular value of ``[A - s I, B]`` at each s (k,)."""
+    return np.asarray(np.linalg.svd(_pencils(A, B, s), compute_uv=False)[..., -1])
+
+
 def smallest_at(A: Array, B: Array, s: complex) -> float:
     """Return the smallest singular value of ``[A - s I, B]``."""
-    return float(_smallest(A, B, np.array([s]))[0])
+    return float(smallest(A, B, np.array([s]))[0])
 
 
 def local_minimum(
@@ -126,7 +131,8 @@ def local_minimum(
     starts: Complex,
     keep: Callable[[Complex], Complex] = lambda s: s,
     *,
-    steps: int = 200,
+    steps: int = 100,
+    precision: float = 1e-4,
 ) -> tuple[float, complex]:
     """Return the least local minimum ``(value, s)`` of ``sigma_min([A - s I, B])`` below some starts.
 
@@ -136,15 +142,17 @@ def local_minimum(
     Parameters
     ----------
     starts : (k,). keep : returns the nearest point of the region to search. steps : at most so many.
+    precision : relative gain of a step below which the search ends.
     """
     s, values = keep(starts), np.full(starts.size, np.inf)
+    zero = _EPS * float(np.linalg.norm(A, 2))
     for _ in range(steps):
         _, sizes, Vh = np.linalg.svd(_pencils(A, B, s), full_matrices=False)
         u, before, values = Vh[:, -1], values, sizes[:, -1]
-        if np.all(before - values <= 1e-4 * values):
+        if np.min(values) <= zero or np.all(before - values <= precision * values):
             break
         s = keep(np.einsum("ki,ij,kj->k", u.conj(), A, u))
-    best = int(np.argmin(_smallest(A, B, s)))
+    best = int(np.argmin(smallest(A, B, s)))
     return smallest_at(A, B, s[best]), complex(s[best])
 
 
@@ -162,7 +170,7 @@ def nearest_loss(
     while centres.size:
         radius = half * np.sqrt(2.0)
         centres = centres[np.abs(keep(centres) - centres) <= radius]
-        values = _smallest(A, B, centres)
+        values = smallest(A, B, centres)
         seen += centres.size
         if values.size and np.min(values) < best:
             best, s = local_minimum(A, B, centres[[np.argmin(values)]], keep, steps=30)
@@ -175,7 +183,9 @@ def nearest_loss(
         centres = (centres[floors < (1.0 - within) * best, None] + corners).ravel()
         if best <= zero:
             return best, 0.0, s
-    return best, (1.0 - within) * best, s
+    lower = (1.0 - within) * best
+    best, s = local_minimum(A, B, np.array([s]), keep, precision=1e-8)
+    return best, lower, s
 
 
 def _cover(A: Array, best: float) -> tuple[Complex, float]:
@@ -215,10 +225,6 @@ def _floors(A: Array, B: Array, s: Complex, radius: float) -> Array:
     gap = np.maximum(gap, 0.0)
     coupling = np.where(gap > 0.0, 2.0 * radius**2 / (gap + np.hypot(gap, 2.0 * radius)), radius)
     return np.asarray(sizes[:, -1] - np.minimum(radius, slope * radius + coupling))
-
-
-def _smallest(A: Array, B: Array, s: Complex) -> Array:
-    return np.asarray(np.linalg.svd(_pencils(A, B, s), compute_uv=False)[..., -1])
 
 
 def _pencils(A: Array, B: Array, s: Complex) -> Complex:

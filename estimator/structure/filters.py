@@ -70,8 +70,7 @@ def stabilisable(
     tolerance: float = TOLERANCE,
 ) -> Verdict:
     """Return whether some inputs (all if ``None``) reach every mode that does not decay."""
-    found = controllability_margins(model, inputs, scales=scales, tolerance=tolerance)
-    return _all_met(found, "reach", "reaches")
+    return reach(controllability_margins(model, inputs, scales=scales, tolerance=tolerance))
 
 
 def detectable(
@@ -82,8 +81,17 @@ def detectable(
     tolerance: float = TOLERANCE,
 ) -> Verdict:
     """Return whether some outputs (all if ``None``) see every mode that does not decay."""
-    found = observability_margins(model, outputs, scales=scales, tolerance=tolerance)
-    return _all_met(found, "see", "sees")
+    return sight(observability_margins(model, outputs, scales=scales, tolerance=tolerance))
+
+
+def reach(margins: tuple[ModeMargin, ...]) -> Verdict:
+    """Return `stabilisable` where the margins are at hand."""
+    return _all_met(margins, "reach", "reaches")
+
+
+def sight(margins: tuple[ModeMargin, ...]) -> Verdict:
+    """Return `detectable` where the margins are at hand."""
+    return _all_met(margins, "see", "sees")
 
 
 def steady_filter(
@@ -170,10 +178,11 @@ def _excitation(part: LinearSystem, root: Array, scales: Scales, tolerance: floa
 def _all_met(found: tuple[ModeMargin, ...], verb: str, verbs: str) -> Verdict:
     """Return whether every mode that does not decay is met."""
     lost = tuple(m for m in found if m.lost and m.mode.behaviour != "decays")
-    names = ", ".join(found[0].signals) if found and found[0].signals else "nothing"
+    signals = found[0].signals if found else ()
+    names = " and ".join(filter(None, [", ".join(signals[:-1]), *signals[-1:]])) or "no signal"
     if lost:
         return Verdict(False, f"{names} cannot {verb} {_listed(lost)}", lost)
-    return Verdict(True, f"{names} {verbs} every mode that does not decay")
+    return Verdict(True, f"{names} {verb if len(signals) > 1 else verbs} every mode that does not decay")
 
 
 def _listed(margins: tuple[ModeMargin, ...]) -> str:
@@ -214,9 +223,9 @@ def _riccati(part: LinearSystem, root: Array, R: Array, scales: Scales) -> tuple
     A, G = part.A / x[:, None] * x, part.B @ root / x[:, None]
     C = linalg.solve_triangular(np.linalg.cholesky(R), part.C * x, lower=True)
     Q, S = G @ G.T, C.T @ C
-    # P is of the size of level where both terms of the equation are alike.
-    sizes = [max(float(np.linalg.norm(M, 2)), 1e-300) for M in (Q, S)]
-    level = math.sqrt(sizes[0] / sizes[1])
+    # P is of the size of level where noise and measurement balance, or growth and measurement.
+    q, a, c = (float(np.linalg.norm(M, 2)) for M in (Q, A, S))
+    level = max(math.sqrt(q / c), 1e-4 * a / c) if c > 0.0 else 1.0
     Q, C, one = Q / level, C * np.sqrt(level), np.eye(len(part.outputs))
     if part.sampled:
         P = linalg.solve_discrete_are(A.T, C.T, Q, one) * level

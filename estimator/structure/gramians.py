@@ -53,8 +53,8 @@ class Gramians:
     inputs, outputs, states : names. state_units : units.
     controllability, observability : (n, n) P and Q.
     hankel : (n,) Hankel singular values, largest first; below `RESOLUTION` of the first they are rounding.
-        With one input and one output in their units they carry the unit of output over input (times s^1/2
-        each on both sides, which cancels).
+        They add energies of all signals, so give signals of different units one measure first: inputs in
+        multiples of what is usual, outputs in multiples of their noise.
     scaled_controllability, scaled_observability : (n,) eigenvalues of P and Q in the scaled units of
         states, largest first: how unlike the directions are.
     """

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.structure.distance import local_minimum, smallest_at
+from estimator.structure.distance import local_minimum, smallest
 from estimator.structure.modes import Mode, modes
 from estimator.structure.scaling import natural_scales, scaled, size
 from estimator.structure.subspaces import TOLERANCE
@@ -74,11 +74,10 @@ def controllability_margins(
     system = as_system(model)
     scales = natural_scales(system) if scales is None else scales
     inner = scaled(system, scales)
-    whole, B = size(inner), inner.select(inputs=inputs)
-    return tuple(
-        _margin(mode, mode.adjoint, inner.A, B.B, B.inputs, scales.time, whole, tolerance)
-        for mode in modes(system, scales=scales)
-    )
+    part = inner.select(inputs=inputs)
+    found = modes(system, scales=scales)
+    w = [mode.adjoint for mode in found]
+    return _margins(found, w, part, scales.time, size(inner), tolerance)
 
 
 def observability_margins(
@@ -95,31 +94,47 @@ def observability_margins(
     system = as_system(model)
     scales = natural_scales(system) if scales is None else scales
     inner = scaled(system, scales)
-    whole, C = size(inner), inner.select(outputs=outputs)
-    return tuple(
-        _margin(mode, mode.scaled_shape.conj(), inner.A.T, C.C.T, C.outputs, scales.time, whole, tolerance)
-        for mode in modes(system, scales=scales)
-    )
+    part = inner.select(outputs=outputs).dual
+    found = modes(system, scales=scales)
+    v = [mode.scaled_shape.conj() for mode in found]
+    return _margins(found, v, part, scales.time, size(inner), tolerance)
 
 
-def _margin(
-    mode: Mode,
-    w: Complex,
-    A: Array,
-    B: Array,
-    signals: tuple[str, ...],
+def _margins(
+    found: tuple[Mode, ...],
+    vectors: list[Complex],
+    part: LinearSystem,
     time: float,
     whole: float,
     tolerance: float,
-) -> ModeMargin:
+) -> tuple[ModeMargin, ...]:
+    """Return the margins of the inputs of `part`, whose left eigenvectors are `vectors`."""
+    if not found:
+        return ()
+    margins = (
+        smallest(part.A, part.B, time * np.array([mode.eigenvalue for mode in found], dtype=np.complex128))
+        / whole
+    )
+    lengths = np.linalg.norm(part.B, axis=0)
+    measures = np.abs(np.array(vectors).conj() @ part.B) / np.where(lengths > 0.0, lengths, 1.0)
+    return tuple(
+        ModeMargin(
+            mode,
+            part.inputs,
+            float(margin),
+            tolerance,
+            _lost(mode, float(margin), part, time, whole, tolerance),
+            cosines,
+        )
+        for mode, margin, cosines in zip(found, margins, measures, strict=True)
+    )
+
+
+def _lost(mode: Mode, margin: float, part: LinearSystem, time: float, whole: float, tolerance: float) -> bool:
     s, blur = mode.eigenvalue * time, mode.uncertainty * time
-    margin = smallest_at(A, B, s) / whole
-    lost = margin <= tolerance
-    if not lost and margin <= tolerance + blur / whole:
-        lost = local_minimum(A, B, np.array([s]), _disc(s, blur))[0] / whole <= tolerance
-    lengths = np.linalg.norm(B, axis=0)
-    measures = np.abs(w.conj() @ B) / np.where(lengths > 0.0, lengths, 1.0)
-    return ModeMargin(mode, signals, margin, tolerance, lost, measures)
+    if tolerance < margin <= tolerance + blur / whole:
+        margin = local_minimum(part.A, part.B, np.array([s]), _disc(s, blur))[0] / whole
+    return margin <= tolerance
 
 
 def _disc(centre: complex, radius: float) -> Callable[[Complex], Complex]:

@@ -92,7 +92,7 @@ class Mode:
     def dominant(self) -> str:
         """Name of the state that participates most; where that is not defined, of the one that moves most."""
         share = np.abs(self.scaled_shape) if np.isnan(self.participation[0]) else self.participation
-        return self.states[int(np.argmax(share))]
+        return self.states[int(np.argmax(share.round(9)))]  # of equals the first, whatever rounding says
 
 
 def modes(model: control.StateSpace | LinearSystem, *, scales: Scales | None = None) -> tuple[Mode, ...]:

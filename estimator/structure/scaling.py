@@ -18,6 +18,10 @@ __all__ = ["Scales", "natural_scales", "scaled"]
 
 Array = NDArray[np.float64]
 
+_ROUNDS = 5
+#: Even the smallest coupling keeps some say: it may be all that ties one part's units to another's.
+_LEAST_WEIGHT = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class Scales:
@@ -49,7 +53,8 @@ def natural_scales(system: LinearSystem) -> Scales:
     Least squares of the logarithms (Curtis & Reid 1972), with the units of states, inputs, outputs and of
     time free. Unlike balancing of A they are the same whatever units the model came in, also where one
     part drives another and is not driven back. An entry that ought to be zero but for rounding counts as
-    a coupling like any other: set it to zero first.
+    a coupling like any other: set it to zero first. The A of a sampled model has a small entry wherever
+    the continuous one has none; there couplings that come out small get less weight in a next round.
     """
     n, m, p = system.order, len(system.inputs), len(system.outputs)
     blocks = np.block([[system.A, system.B], [system.C, system.D]])
@@ -61,9 +66,18 @@ def natural_scales(system: LinearSystem) -> Scales:
     equations[k, j] = 1.0
     np.subtract.at(equations, (k, row), 1.0)
     equations[i < n, -1] = 0.0 if system.sampled else 1.0
-    logs, *_ = np.linalg.lstsq(equations, -np.log(np.abs(blocks[i, j])), rcond=None)
+    couplings = np.log(np.abs(blocks[i, j]))
+    logs = _weighted(equations, couplings, np.ones(i.size))
+    for _ in range(_ROUNDS if system.sampled else 0):
+        found = np.exp(np.minimum(couplings + equations @ logs, 0.0))
+        logs = _weighted(equations, couplings, np.maximum(np.sqrt(found), _LEAST_WEIGHT))
     sizes = np.exp(logs)
     return Scales(sizes[:n], sizes[n : n + m], sizes[n + m : -1], float(sizes[-1]))
+
+
+def _weighted(equations: Array, right: Array, weights: Array) -> Array:
+    solution, *_ = np.linalg.lstsq(weights[:, None] * equations, -weights * right, rcond=None)
+    return np.asarray(solution)
 
 
 def scaled(system: LinearSystem, scales: Scales | None = None) -> LinearSystem:

@@ -100,7 +100,9 @@ def draw_margins(
     ax.set_xticks(range(len(modes)), labels, rotation=90 if len(modes) > 6 else 0, fontsize=8.0)
     ax.set_xlabel("mode: growth rate (1/s) ± angular frequency (rad/s); × lost")
     bar = sheet.axes(sheet.width - 1.15, 1.05, 0.16, height)
-    sheet.figure.colorbar(image, cax=bar, format=lambda value, _: power_of_ten(10.0**value))
+    span = max(round(high - low), 1)
+    ticks = np.arange(low, high + 0.5, -(-span // max(int(2.5 * height), 1)))
+    sheet.figure.colorbar(image, cax=bar, ticks=ticks, format=lambda value, _: power_of_ten(10.0**value))
     bar.set_ylabel("margin")
     return sheet
 

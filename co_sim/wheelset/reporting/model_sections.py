@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["model_sections"]
 
+_MOTION = "How does the model move by itself?"
 #: Names told one by one in a sentence.
 _TOLD = 6
 #: Horizon of Gramians that have no infinite one, in time constants of the slowest mode that has one.
@@ -33,6 +34,9 @@ def model_sections(
     output_sets: Mapping[str, Sequence[str]] | None = None,
 ) -> tuple[Section, ...]:
     """Return the sections on a model; sets of signals as in `estimator.structure.analyse`."""
+    if system.order == 0:
+        words = "The model has no states: it passes its inputs on at once."
+        return (Section("motion", _MOTION, (words,), summary=(words,)),)
     found = analyse(system, input_sets=input_sets, output_sets=output_sets)
     sections = [_motion(found)]
     if found.reached:
@@ -45,7 +49,6 @@ def model_sections(
 
 
 def _motion(found: Structure) -> Section:
-    title = "How does the model move by itself?"
     modes = found.modes
     poles = np.array([mode.exponent for mode in modes])
     participation = np.array([mode.participation for mode in modes])
@@ -68,7 +71,7 @@ def _motion(found: Structure) -> Section:
     words = _behaviour(modes)
     return Section(
         key="motion",
-        title=title,
+        title=_MOTION,
         words=(words,),
         numbers=numbers,
         axes={"mode": list(range(1, len(modes) + 1)), "state": found.system.states},
@@ -76,10 +79,10 @@ def _motion(found: Structure) -> Section:
         figures=(
             Figure(
                 key="poles",
-                title=title,
+                title=_MOTION,
                 caption="Eigenvalues of the model; left of the line a mode decays, right of it it grows.",
                 alt=words,
-                draw=partial(_poles, modes, title),
+                draw=partial(_poles, modes, _MOTION),
             ),
         ),
         summary=(words,),
@@ -88,8 +91,6 @@ def _motion(found: Structure) -> Section:
 
 def _behaviour(modes: Sequence[Mode]) -> str:
     counts = {kind: sum(m.behaviour == kind for m in modes) for kind in ("decays", "undamped", "grows")}
-    if not modes:
-        return "The model has no states: it passes its inputs on at once."
     if counts["decays"] == len(modes):
         slowest = max(m.time_constant for m in modes)
         return (
@@ -99,10 +100,9 @@ def _behaviour(modes: Sequence[Mode]) -> str:
     parts = []
     if counts["grows"]:
         fastest = min((m for m in modes if m.behaviour == "grows"), key=lambda m: m.time_constant)
-        parts.append(
-            f"{counts['grows']} grow{'s' if counts['grows'] == 1 else ''}, the fastest by the factor e in "
-            f"{quantity(fastest.time_constant, 's')} at {quantity(fastest.frequency, 'Hz')}"
-        )
+        at = f" at {quantity(fastest.frequency, 'Hz')}" if fastest.frequency > 0.0 else ""
+        some = "1 grows" if counts["grows"] == 1 else f"{counts['grows']} grow, the fastest"
+        parts.append(f"{some} by the factor e in {quantity(fastest.time_constant, 's')}{at}")
     if counts["undamped"]:
         one = counts["undamped"] == 1
         parts.append(f"{counts['undamped']} neither decay{'s' if one else ''} nor grow{'s' if one else ''}")
@@ -151,7 +151,7 @@ def _access(found: Structure, sets: Mapping[str, Access], kind: Literal["reached
     over = ("set",)
     noun = property_.replace("able", "ability")
     numbers = {
-        "rank": Quantity([a.rank.rank for a in every], "1", f"dimension that the set {verb}s", over),
+        "rank": Quantity([a.rank.rank for a in every], "1", f"dimension that the set {_one(verb)}", over),
         "singular_value": Quantity(
             np.array([a.rank.singular_values for a in every]).reshape(len(names), order),
             "1",
@@ -170,17 +170,14 @@ def _access(found: Structure, sets: Mapping[str, Access], kind: Literal["reached
         property_: Quantity([bool(a.verdict) for a in every], "1", f"whether the model is {property_}", over),
         "reason": Quantity([a.verdict.reason for a in every], "1", "in words", over),
     }
-    words = [_best(found, sets, verb), _blind(sets, verb, order)]
+    words = [_best(found, sets, verb), _blind(sets, verb)]
     caption = (
         f"Smallest relative change of the scaled model after which a set of {signals} does not {verb} a mode "
         f"at its own eigenvalue."
     )
     draw = partial(_margins, names, found.modes, margins, lost, title)
-    figures = (
-        (Figure(f"margins_{kind}", title, caption, f"Margins of {len(names)} sets for each mode.", draw),)
-        if order
-        else ()
-    )
+    alt = f"Margins of {len(names)} sets for each mode."
+    figures = (Figure(f"margins_{kind}", title, caption, alt, draw),)
     return Section(
         key=kind,
         title=title,
@@ -200,11 +197,12 @@ def _access(found: Structure, sets: Mapping[str, Access], kind: Literal["reached
 def _best(found: Structure, sets: Mapping[str, Access], verb: str) -> str:
     name = max(sets, key=lambda key: (sets[key].rank.rank, len(sets[key].signals)))
     access = sets[name]
-    who = f"All {len(access.signals)} together" if name == "all" else capital(name)
-    s = "" if name == "all" else "s"
+    together = "Both" if len(access.signals) == 2 else f"All {len(access.signals)}"
+    who = f"{together} together" if name == "all" else capital(name)
+    does = verb if name == "all" else _one(verb)
     if access.rank.full:
         return (
-            f"{who} {verb}{s} the whole model; a relative change of {number(access.distance.value, 2)} "
+            f"{who} {does} the whole model; a relative change of {number(access.distance.value, 2)} "
             f"of the scaled model would hide a mode."
         )
     hidden = [
@@ -214,7 +212,12 @@ def _best(found: Structure, sets: Mapping[str, Access], verb: str) -> str:
     ]
     told = [*hidden[:_TOLD], f"{len(hidden) - _TOLD} more"] if len(hidden) > _TOLD else hidden
     lost = f"; lost: {listed(told)}" if told else ""
-    return f"{who} {verb}{s} {access.rank.rank} of {found.system.order} dimensions{lost}."
+    return f"{who} {does} {access.rank.rank} of {found.system.order} dimensions{lost}."
+
+
+def _one(verb: str) -> str:
+    """Return the verb as one does it."""
+    return f"{verb}{'es' if verb.endswith('ch') else 's'}"
 
 
 def _described(mode: Mode) -> str:
@@ -225,12 +228,12 @@ def _described(mode: Mode) -> str:
     return f"the oscillation of {mode.dominant} at {quantity(mode.frequency, 'Hz')}"
 
 
-def _blind(sets: Mapping[str, Access], verb: str, order: int) -> str:
-    none = [name for name, access in sets.items() if order and access.rank.rank == 0]
+def _blind(sets: Mapping[str, Access], verb: str) -> str:
+    none = [name for name, access in sets.items() if access.rank.rank == 0]
     if not none:
         return ""
     told = [*none[:_TOLD], f"{len(none) - _TOLD} more"] if len(none) > _TOLD else none
-    return f"{listed(told)} {verb}{'s' if len(none) == 1 else ''} nothing of it."
+    return f"{capital(listed(told))} {_one(verb) if len(none) == 1 else verb} nothing of it."
 
 
 def _access_table(sets: Mapping[str, Access], order: int, signals: str, property_: str) -> Table:
@@ -283,7 +286,7 @@ def _energy(found: Structure) -> Section:
         "horizon": Quantity(energies.horizon, "s", "of the Gramians", missing="the horizon is infinite"),
     }
     draw = partial(_hankel, hankel, RESOLUTION, title)
-    figures = (Figure("hankel", title, words, words, draw),) if hankel.size else ()
+    figures = (Figure("hankel", title, words, words, draw),)
     return Section(
         key="energy",
         title=title,

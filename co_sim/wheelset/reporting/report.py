@@ -74,7 +74,7 @@ class Report:
         if not columns:
             return None
         rows: list[tuple[Cell, ...]] = [
-            (str(condition), str(point), *(cells[i][k] for cells in columns.values()))
+            (str(condition).replace("_", " "), str(point), *(cells[i][k] for cells in columns.values()))
             for i, condition in enumerate(self.grid["condition"])
             for k, point in enumerate(self.grid["point"])
         ]

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from co_sim.wheelset.reporting.roads_section import roads_section
+from co_sim.wheelset.reporting.structure_section import structure_sections
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -15,4 +16,6 @@ if TYPE_CHECKING:
 __all__ = ["SECTIONS"]
 
 #: Functions that compute sections, by what the progress bar calls them.
-SECTIONS: Mapping[str, MakeSection] = MappingProxyType({"Three roads": roads_section})
+SECTIONS: Mapping[str, MakeSection] = MappingProxyType(
+    {"Structure": structure_sections, "Three roads": roads_section}
+)
