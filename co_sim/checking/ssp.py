@@ -16,7 +16,7 @@ from co_sim.errors import Fault, InputError, RunError
 from co_sim.fmu_variables import kind_of
 from co_sim.ssp.binding import reaches
 from co_sim.ssp.chain import Chain, MismatchError
-from co_sim.ssp.network import GIVING, Pin
+from co_sim.ssp.network import GIVING, NO_UNIT, Pin
 from co_sim.ssp.parsing import DEFAULT, read_structure
 from co_sim.ssp.reading import Assembly
 from co_sim.ssp.sources import PackedFile
@@ -136,6 +136,8 @@ def _finding(fault: Fault) -> Finding:
     topic = _TOPICS.get(about[1], "parameters") if about else "system"
     if fault.got.startswith("units"):
         topic = "units"
+    elif '>: parameter "' in fault.what:
+        topic = "parameters"
     return Finding("error", topic, fault.what, f"{fault.got}; expected {fault.expected}")
 
 
@@ -167,7 +169,7 @@ def _may_be(kind: str, causality: str) -> bool:
 def _connector_unit(network: Network, path: ElementPath, connector: Connector) -> Iterator[Finding]:
     if connector.measure is None:
         return
-    if connector.measure.definition is None and connector.measure.name not in {"1", "-"}:
+    if connector.measure.definition is None and connector.measure.name not in NO_UNIT:
         message = f'unit "{connector.measure.name}" is not among the Units of the document'
         yield Finding("error", "units", str(connector.node), message)
     try:

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from co_sim.ssp.elements import Element, End, Path, Wire
     from co_sim.ssp.fmus import Fmu
 
-__all__ = ["GIVING", "Edge", "Network", "Pin", "Route"]
+__all__ = ["GIVING", "NO_UNIT", "Edge", "Network", "Pin", "Route"]
 
 #: Kinds of connectors whose values come out of an element; those of a system's own go out of it.
 GIVING = frozenset({"output", "calculatedParameter", "constant", "local", "independent"})
 _TAKING = frozenset({"input", "parameter", "structuralParameter"})
 _PARAMETERS = frozenset({"parameter", "structuralParameter"})
-#: A unit that a connector has when its tool knows none.
-_NO_UNIT = frozenset({"1", "-"})
+#: A unit that a connector or a parameter has when its tool knows none.
+NO_UNIT = frozenset({"1", "-"})
 
 
 class Pin(NamedTuple):
@@ -180,7 +180,7 @@ class Network:
     def measure(self, pin: Pin) -> Measure | None:
         """Return the unit of a connector, unless it says nothing where the FMU says something."""
         declared = self._declared(pin)
-        if pin.path in self.fmus and (declared is None or declared.name in _NO_UNIT):
+        if pin.path in self.fmus and (declared is None or declared.name in NO_UNIT):
             return self.port_measure(pin)
         return declared
 

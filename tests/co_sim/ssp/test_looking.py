@@ -239,3 +239,36 @@ def test_archives_that_are_none(tmp_path, capsys):
     assert call("inspect", path) == 2
     with pytest.raises(InputError, match=r"none\.ssp"):
         summarise(path)
+
+
+def test_encodings_and_prefixes_are_free(pack):
+    text = ssd(system(component("Rädsatz") + component("b"), wire("Rädsatz.x", "b.u")))
+    plain = text.replace("xmlns:ssd=", "xmlns=").replace("<ssd:", "<").replace("</ssd:", "</")
+    for data in (
+        b"\xef\xbb\xbf" + text.encode(),
+        text.replace("UTF-8", "UTF-16").encode("utf-16"),
+        text.replace("UTF-8", "ISO-8859-1").encode("latin-1"),
+        plain.encode(),
+    ):
+        summary = summarise(pack(data))
+        assert summary.faults == ()
+        assert [part.name for part in summary.parts] == ["Rädsatz", "b"]
+
+
+def test_a_value_that_does_not_fit_is_a_finding_about_parameters(pack):
+    lines = told(pack(ssd(system(component("lag", bindings(inline(real("T", "INF"))))))))
+    assert any(line.startswith("error parameters") and 'parameter "T"' in line for line in lines)
+
+
+def test_fmus_for_other_platforms_only_are_shown_told_and_refused(pack, lag_fmus, tmp_path, capsys):
+    other = tmp_path / "other.fmu"
+    with zipfile.ZipFile(lag_fmus[2]) as source, zipfile.ZipFile(other, "w") as target:
+        for name in source.namelist():
+            target.writestr(re.sub("binaries/[^/]*", "binaries/win64", name), source.read(name))
+    path = pack(ssd(system(component("lag", source="other.fmu"))), {"other.fmu": other.read_bytes()})
+    (part,) = summarise(path).parts
+    assert "but for win64" in part.cannot_run
+    assert "runs here" in shown(path)
+    assert any("it has libraries for win64" in line for line in told(path))
+    assert call("simulate", path, "--out", tmp_path / "out") == 2
+    assert "for win64" in capsys.readouterr().err
