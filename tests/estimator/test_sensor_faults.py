@@ -144,6 +144,15 @@ def test_a_stuck_sensor_from_20_ms_on(channel: int, value: float) -> None:
     assert not found[:, 1 - channel].any()
 
 
+def test_a_sensor_that_sticks_again_and_again_teaches_nothing() -> None:
+    z = motion(20_000)
+    for start in range(1000, 20_000, 1000):
+        z[start : start + 700, 0] = 1e-3
+    found = faults(z)[:, 0]
+    for start in range(1000, 20_000, 1000):
+        assert (found[start + 25 : start + 700] == STUCK).all()
+
+
 def test_stuck_from_the_start() -> None:
     z = motion()
     z[:, 0] = 0.0

@@ -38,7 +38,7 @@ def run_adhesion_bank(log: Log, settings: Settings) -> Answer:
     Raises
     ------
     InputError
-        If the rows are not a multiple of the bank's blocks of 10 ms apart.
+        If the rows are not a multiple of the bank's blocks of 10 ms apart, or the bank refuses the vehicle.
     """
     from estimator import SensorNoise
     from estimator.adhesion.bank import BLOCK, AdhesionBank
@@ -53,14 +53,22 @@ def run_adhesion_bank(log: Log, settings: Settings) -> Answer:
         )
     moving = log.speed >= _SLOWEST
     fine = refined(replace(log, usable=np.asarray(log.usable) & moving[:, None]))
-    bank = AdhesionBank(
-        wheelset=settings.vehicle.wheelset,
-        conditions={name: settings.vehicle.conditions[name] for name in CONDITION_NAMES},
-        noise=SensorNoise(*settings.noise),
-        track=ERRI_B176[settings.track],
-        h=fine.h,
-    )
-    answer = answer_of(bank.run(fine, every=settings.every), log)
+    try:
+        bank = AdhesionBank(
+            wheelset=settings.vehicle.wheelset,
+            conditions={name: settings.vehicle.conditions[name] for name in CONDITION_NAMES},
+            noise=SensorNoise(*settings.noise),
+            track=ERRI_B176[settings.track],
+            h=fine.h,
+        )
+        answer = answer_of(bank.run(fine, every=settings.every), log)
+    except ValueError as error:  # such as a creep curve of the user's own that has no maximum
+        raise InputError(
+            "adhesion bank",
+            got=str(error),
+            expected="a vehicle, conditions and a log that it can use",
+            remedy="change those, or try --bank paper",
+        ) from error
     return replace(
         answer,
         identifiable=answer.identifiable & moving[answer.samples],

@@ -11,7 +11,6 @@ import click
 from co_sim.errors import Fault, InputError, RunError
 
 if TYPE_CHECKING:
-    from co_sim.wheelset.identifying.progress import Shown
     from co_sim.wheelset.identifying.results import Identified
 
 __all__ = ["identify"]
@@ -111,6 +110,7 @@ def identify(
     """
     from co_sim.wheelset.identifying import pipeline
     from co_sim.wheelset.identifying.example import EXAMPLE, write_example
+    from co_sim.wheelset.identifying.progress import Shown
     from co_sim.wheelset.identifying.results import Settings
     from co_sim.wheelset.identifying.vehicle import Vehicle, read_vehicle
     from co_sim.wheelset.output import check_folder
@@ -129,9 +129,8 @@ def identify(
         bias_limit=bias_limit,
     )
     check_folder(out)
-    stages = _bar()
     try:
-        with stages:
+        with Shown() as stages:
             if str(log) == EXAMPLE:
                 with stages.stage("recording"):
                     log = write_example(out)
@@ -167,12 +166,6 @@ def _renamed(texts: tuple[str, ...]) -> dict[str, str]:
         raise InputError.from_faults(faults)
     pairs = (text.split("=", 1) for text in texts)
     return {name.strip(): heading.strip() for name, heading in pairs}
-
-
-def _bar() -> Shown:
-    from co_sim.wheelset.identifying.progress import Shown
-
-    return Shown()
 
 
 def _print(done: Identified, out: Path) -> None:

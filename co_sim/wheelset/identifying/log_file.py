@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -116,7 +117,7 @@ def _read_mat(path: Path, wanted: list[str], renamed: Mapping[str, str]) -> Colu
             expected="a file of version 5 to 7",
             remedy="in MATLAB: save(file, '-v7'), or writetable to CSV",
         ) from None
-    except (ValueError, TypeError, matlab.MatReadError) as error:
+    except (ValueError, TypeError, IndexError, OverflowError, zlib.error, matlab.MatReadError) as error:
         raise _unreadable(path.name, "MATLAB", str(error)) from None
     arrays = dict(_arrays({k: v for k, v in content.items() if not k.startswith("__")}))
     found = choose(path.name, list(arrays), wanted, renamed)

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from co_sim.errors import InputError
 from co_sim.wheelset.identifying.grid import on_grid
 from co_sim.wheelset.identifying.log_file import read_columns
 from co_sim.wheelset.identifying.results import Identified
@@ -57,6 +58,7 @@ def identify(path: Path, settings: Settings, stages: Stages) -> Identified:
     with stages.stage("reading"):
         columns = read_columns(path, renamed=settings.renamed, speed=settings.speed is None)
         sampled = on_grid(path.name, columns, settings.speed)
+        _check_rows(sampled.log, settings.every)
     with stages.stage("sensors"):
         gyro, accelerometer = (
             ChannelLimits(noise=noise, bias=bias, full_scale=full_scale)
@@ -81,6 +83,16 @@ def identify(path: Path, settings: Settings, stages: Stages) -> Identified:
         advice=advice,
         seconds=stages.seconds,
     )
+
+
+def _check_rows(log: Log, every: float) -> None:
+    if not 0.9 * log.h <= every <= (1.0 + 1e-6) * len(log) * log.h:
+        raise InputError(
+            "--every",
+            got=f"{every:g} s",
+            expected=f"from the step of the log, {log.h:.6g} s, to its length of {len(log) * log.h:.6g} s",
+            remedy="leave it out for 0.01 s",
+        )
 
 
 def _answer(log: Log, settings: Settings, stages: Stages) -> Answer:

@@ -285,6 +285,23 @@ def test_at_rest_nothing_is_identifiable(ride: Ride, tmp_path: Path) -> None:
     assert "No row of this log is identifiable" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
 
+@pytest.mark.usefixtures("_undrawn")
+def test_the_packaged_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("identify", "example", "--out", tmp_path / "out") == 0
+    assert capsys.readouterr().err == ""  # no bar where there is no terminal
+    assert (tmp_path / "out" / "log.csv").is_file()
+    rows = rows_of(tmp_path / "out")
+    for since, until, condition in ((2.0, 8.0, "dry"), (9.5, 16.0, "wet")):
+        said = [row["condition"] for row in rows if since < float(row["time"]) < until]
+        assert said.count(condition) > 0.95 * len(said)
+    found = {(f["source"], f["fault"]): f["samples"] for f in summary_of(tmp_path / "out")["faults"]}
+    assert found == {
+        ("gyro", "stuck"): pytest.approx(381, abs=3),
+        ("accelerometer", "outlier"): 3,
+        ("clock", "gap"): 200,
+    }
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
@@ -319,6 +336,9 @@ def test_faults_of_a_vehicle(
         (["--column", "yaw_rate=gyro"], "column gyro: got none of this name"),
         (["--vehicle", "none.toml"], "No such file"),
         (["--every", "0"], "--every"),
+        (["--every", "10"], "--every: got 10 s, expected from the step of the log"),
+        (["--every", "inf"], "--every: got inf s"),
+        (["--every", "nan"], "--every: got nan s"),
         (["--every", "0.025"], "--every: got 0.025 s, expected a multiple of 0.01 s"),
         (["--noise", "1e-3"], "--noise"),
         (["--bank", "best"], "--bank"),

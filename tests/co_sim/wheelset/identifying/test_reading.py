@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from pyarrow import parquet
 from scipy.io import savemat
 
@@ -217,6 +219,36 @@ def test_other_files(tmp_path: Path) -> None:
     }.items():
         with pytest.raises(InputError, match=said):
             read(tmp_path / name)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_files_that_broke_off(compressed: bool, numbers: np.ndarray, tmp_path: Path) -> None:
+    data = {name: numbers[:, i] for i, name in enumerate(HEAD.split(","))}
+    savemat(tmp_path / "whole.mat", data, do_compression=compressed)
+    parquet.write_table(pyarrow.table(data), tmp_path / "whole.parquet")
+    for whole in (tmp_path / "whole.mat", tmp_path / "whole.parquet"):
+        content = whole.read_bytes()
+        for length in np.linspace(0, len(content) - 1, 50).astype(int):
+            (tmp_path / f"part{whole.suffix}").write_bytes(content[:length])
+            with pytest.raises(InputError):
+                read(tmp_path / f"part{whole.suffix}")
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_a_spoilt_text_is_read_or_refused(tmp_path: Path, data: st.DataObject) -> None:
+    text = "\n".join([HEAD, *(f"{k}e-3,1e-3,.05,20,1e3" for k in range(20))]).encode()
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(text)))
+        put = data.draw(
+            st.sampled_from([b",", b";", b"\n", b'"', b"\0", b"\xff", b"#", b" ", b"1e999", b"x", b""])
+        )
+        text = text[:at] + put + text[at + data.draw(st.integers(0, 3)) :]
+    try:
+        columns = from_text(tmp_path, text)
+    except InputError:
+        return
+    assert len({values.size for values in columns.values.values()}) == 1
 
 
 def test_parquet_without_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
