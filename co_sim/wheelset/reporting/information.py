@@ -44,6 +44,7 @@ __all__ = [
     "Limits",
     "NoiseLimits",
     "curve_of",
+    "evenly",
     "limits",
     "noise_limits",
     "sensors_of",
@@ -124,7 +125,7 @@ def limits(
     setup: Setup, conditions: Sequence[str], speeds: Sequence[float], progress: Callable[[float], None]
 ) -> Limits:
     """Compute the limits of the main set of sensors; of many speeds some are chosen evenly."""
-    chosen = _evenly(speeds)
+    chosen = evenly(speeds)
     names = ("utilisation", "amplitude", "g11", "g22", "creep", "adhesion", "window")
     shape = (len(conditions), len(chosen), len(SHARES))
     arrays = {name: np.full(shape, np.nan) for name in names}
@@ -139,7 +140,8 @@ def limits(
     return Limits(tuple(conditions), chosen, SHARES, setup.window, **arrays, rival=rival.astype(str))
 
 
-def _evenly(speeds: Sequence[float]) -> tuple[float, ...]:
+def evenly(speeds: Sequence[float]) -> tuple[float, ...]:
+    """Return at most six of many speeds, the first and the last among them."""
     if len(speeds) <= _SPEEDS:
         return tuple(speeds)
     return tuple(speeds[round(k)] for k in np.linspace(0, len(speeds) - 1, _SPEEDS))
