@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import N_TOLD, Design, new_memory, run_filter
+from estimator.adhesion.block import N_TOLD, Design, Memory, new_memory, run_filter
 from estimator.adhesion.creep_law import creep_scale, patch_row, rail_row
 from estimator.adhesion.curves import REGIONS, curves_of
 from estimator.adhesion.ekf import Noise, Track
@@ -150,6 +150,20 @@ class AdhesionBank:
         self._design, self._rules = self.design(chosen), self.rules(chosen)
         self._memory, self._belief = new_memory(n), self.new_belief(self._rules)
         self._work, self._k = new_work(n), 0
+
+    @property
+    def state(self) -> tuple[Memory, Belief]:
+        """What `step` keeps besides `samples`: nested tuples of arrays, to be copied or written into."""
+        return self._memory, self._belief
+
+    @property
+    def samples(self) -> int:
+        """Samples taken since `reset`."""
+        return self._k
+
+    @samples.setter
+    def samples(self, k: int) -> None:
+        self._k = k
 
     def step(self, z: Array, speed: float, torque: float, said: Judgement, usable: Flags = _BOTH) -> bool:
         """Take one sample after `reset`; see `bank_step`, which a loop in machine code calls itself.
