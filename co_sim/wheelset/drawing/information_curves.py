@@ -104,7 +104,7 @@ def draw_ranking(sets: Sequence[str], names: Sequence[str], rates: Array, title:
     """Draw the Chernoff rates (set, pair) over those of the best set, the sets that tell most on top."""
     share = rates / np.max(rates, axis=0)
     order = np.argsort(np.mean(np.log(share), axis=1))
-    sheet = Sheet(9.0, 1.25 + 0.4 * len(sets), title)
+    sheet = Sheet(9.4, 1.25 + 0.4 * len(sets), title)
     ax = sheet.axes(2.85, 0.55, 3.7, sheet.height - 1.1)
     spread = np.linspace(0.2, -0.2, len(names)) if len(names) > 1 else np.zeros(1)
     for row, k in enumerate(order):
@@ -128,7 +128,7 @@ def draw_ranking(sets: Sequence[str], names: Sequence[str], rates: Array, title:
 
 def draw_design(names: Sequence[str], designs: Mapping[str, Design], wanted: float, title: str) -> Sheet:
     """Draw the least error over each property of the sensors, a panel for each property."""
-    sheet = Sheet(10.0, 3.3, title)
+    sheet = Sheet(10.1, 3.3, title)
     for k, (key, design) in enumerate(designs.items()):
         ax = sheet.axes(0.85 + k * 2.35, 0.55, 2.12, sheet.height - 1.1)
         _panel(ax, design, wanted)
