@@ -128,7 +128,7 @@ def draw_ranking(sets: Sequence[str], names: Sequence[str], rates: Array, title:
 
 def draw_design(names: Sequence[str], designs: Mapping[str, Design], wanted: float, title: str) -> Sheet:
     """Draw the least error over each property of the sensors, a panel for each property."""
-    sheet = Sheet(9.6, 3.3, title)
+    sheet = Sheet(10.0, 3.3, title)
     for k, (key, design) in enumerate(designs.items()):
         ax = sheet.axes(0.85 + k * 2.35, 0.55, 2.12, sheet.height - 1.1)
         _panel(ax, design, wanted)

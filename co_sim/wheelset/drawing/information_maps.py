@@ -6,6 +6,7 @@ import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.collections import LineCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
@@ -28,7 +29,7 @@ __all__ = ["draw_bounds", "draw_noise", "draw_windows"]
 _COLOURS = ("#f7fbff", "#dcebf7", "#b4d3ea", "#7fb4dc", "#4a8fc4", "#1f63a3", "#08366b")
 _WINDOWS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 _BOUNDS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-_HATCH = "////"
+_MARK = "#E69F00"
 _LEFT, _BOTTOM, _PANEL, _TALL, _GAP, _HEAD, _RIGHT = 0.78, 0.82, 1.72, 2.2, 0.14, 0.58, 1.5
 
 
@@ -119,8 +120,10 @@ def _map(
         edgecolor="white",
         linewidth=0.4,
     )
-    for k, j in zip(*np.nonzero(hatched), strict=True):
-        ax.add_patch(_cell(j, k))
+    cells = [(j, k) for k, j in zip(*np.nonzero(hatched), strict=True)]
+    ax.add_collection(
+        LineCollection([line for cell in cells for line in _strokes(*cell)], colors=_MARK, linewidths=0.9)
+    )
     ax.set_xticks(np.arange(len(across)) + 0.5, [f"{x:g}" for x in across])
     ax.set_yticks(np.arange(len(up)) + 0.5, [f"{x:g}" for x in up])
     ax.grid(visible=False)
@@ -129,10 +132,13 @@ def _map(
         spine.set_visible(False)
 
 
-def _cell(j: int, k: int) -> Patch:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((j, k), 1.0, 1.0, fill=False, hatch=_HATCH, edgecolor="#D55E00", linewidth=0.0)
+def _strokes(j: int, k: int) -> list[list[tuple[float, float]]]:
+    """Return the strokes across a cell; hatches of matplotlib have one width for all and fade in SVG."""
+    return [
+        [(j, k + 0.5), (j + 0.5, k + 1.0)],
+        [(j, k), (j + 1.0, k + 1.0)],
+        [(j + 0.5, k), (j + 1.0, k + 0.5)],
+    ]
 
 
 def _force_tells(ax: Axes, window: Array) -> None:
@@ -148,7 +154,7 @@ def _key(sheet: Sheet, title: str, bounds: Sequence[float], unit: str, hatched: 
         Patch(facecolor=shade, edgecolor="0.7", linewidth=0.4, label=text)
         for shade, text in zip(_COLOURS, texts, strict=True)
     ]
-    handles.append(Patch(facecolor="white", edgecolor="#D55E00", hatch=_HATCH, linewidth=0.0, label=hatched))
+    handles.append(Patch(facecolor=_COLOURS[4], edgecolor=_MARK, hatch="////", linewidth=0.0, label=hatched))
     if "window" in title:
         from matplotlib.lines import Line2D
 

@@ -122,10 +122,10 @@ def _counted(confirmations: tuple[Confirmation, ...]) -> Table:
     columns = (
         Column("rails"),
         Column("window", "s"),
-        Column("possible: bounds", "%"),
-        Column("estimate", "%"),
-        Column("counted", "%"),
-        Column("95 % interval", "%"),
+        Column("possible, bounds (%)"),
+        Column("estimate (%)"),
+        Column("counted (%)"),
+        Column("95 % interval (%)"),
         Column("decisions"),
     )
     rows: tuple[tuple[Cell, ...], ...] = tuple(
@@ -157,9 +157,9 @@ def _information_figures(study: _Study, setup: Setup) -> list[Figure]:
             caption=(
                 "Length of record after which the best possible decision between the true rail and the rail "
                 f"that is hardest to tell from it at the same traction force errs in {100.0 * ERROR:g} % of "
-                f"the cases. Hatched: no method, however clever, decides within {setup.window:g} s. Dots: no "
-                "other rail carries the force, so the force alone tells. Windows below a tenth of a second "
-                "are shorter than the motion remembers and only an order of magnitude."
+                f"the cases. Hatched: no method decides within {setup.window:g} s, by linear theory. Dots: "
+                "no other rail carries the force, so the force alone tells. Windows below a tenth of a "
+                "second are shorter than the motion remembers and only an order of magnitude."
             ),
             alt="Maps of the window needed over speed and creep, one for each rail.",
             draw=partial(_draw_windows, study.limits),
@@ -195,7 +195,7 @@ def _information_figures(study: _Study, setup: Setup) -> list[Figure]:
                 caption=(
                     "Least error probability of the linear model and errors counted in decisions on runs of "
                     "the FMU. The likelihood is that of the linear model, so counted errors may lie above "
-                    "what is possible where the motion is not linear, and never below."
+                    "what is possible where the motion is not linear."
                 ),
                 alt="Bounds of the error probability beside counted errors for each pair of rails.",
                 draw=partial(_draw_confirmation, study.confirmations),

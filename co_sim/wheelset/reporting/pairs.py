@@ -68,7 +68,7 @@ class Pair:
     @property
     def name(self) -> str:
         """Both rails and the speed."""
-        return f"{self.first} or {self.second}, {self.p.v:g} m/s".replace("_", " ")
+        return f"{self.first} or {self.second} at {self.p.v:g} m/s".replace("_", " ")
 
 
 @dataclass(frozen=True, eq=False)
