@@ -9,6 +9,7 @@ from estimator.fuzzy import FuzzySystem, identification_system
 from estimator.identifier import Identification, Identifier
 from estimator.kalman import LinearFilter, design_filter
 from estimator.linear_models import OperatingPoint, filter_model, operating_points, wheelset_model
+from estimator.log import Log
 from estimator.track_spectrum import ERRI_B176, TrackSpectrum
 from estimator.tuning import NoiseModel, Tuning, tune
 
@@ -20,6 +21,7 @@ __all__ = [
     "Identification",
     "Identifier",
     "LinearFilter",
+    "Log",
     "NoiseModel",
     "OperatingPoint",
     "TrackSpectrum",
