@@ -120,6 +120,8 @@ def _known_before(unknown: Sequence[str], prior: Mapping[str, float]) -> Array:
 def _bound_on_curve(jacobian: Array, information: Array, beforehand: Array, gradient: Array) -> float:
     """Return the bound for what has this gradient, along the directions in which the force stays."""
     force = jacobian[0]
+    if not (np.isfinite(jacobian).all() and np.isfinite(information).all()):
+        return math.nan
     free = null_space(force[None] / np.linalg.norm(force))
     fisher = free.T @ (jacobian[1:].T @ information @ jacobian[1:] + beforehand) @ free
     return float(bound_of(fisher, free.T @ gradient, np.ones(free.shape[1])))

@@ -131,10 +131,14 @@ def averaged_same_force(
     ``None`` where the motion leaves less than that force up to the creep of the peak. Slopes are interpolated
     between points of the curve.
     """
-    wanted, found = np.atleast_1d(np.asarray(force, dtype=np.float64)), {}
+    wanted = np.atleast_1d(np.asarray(force, dtype=np.float64))
+    found: dict[str, tuple[OperatingPoint | None, ...]] = {}
     for name, curve in curves.items():
         points = averaged_points(curve, _SHARES * curve.peak_creep, track, wheelset)
         table = np.array([(p.force, p.creep, p.g11, p.g22) for p in points if np.isfinite(p.force)])
+        if len(table) < 2:
+            found[name] = (None,) * wanted.size
+            continue
         rising = table[: int(np.argmax(table[:, 0])) + 1]
         along = PchipInterpolator(np.log(rising[:, 0]), np.log(rising[:, 1:]))
         creep, g11, g22 = np.exp(along(np.log(np.clip(wanted, rising[0, 0], rising[-1, 0])))).T

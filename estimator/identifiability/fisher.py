@@ -69,7 +69,7 @@ def fisher_rate(family: Family) -> Array:
 
 
 def cramer_rao(information: Array, names: Sequence[str], scale: Array) -> Bound:
-    """Return the Cramer-Rao bound that belongs to Fisher information.
+    """Return the Cramer-Rao bound that belongs to Fisher information; NaN where that is.
 
     Parameters
     ----------
@@ -78,11 +78,13 @@ def cramer_rao(information: Array, names: Sequence[str], scale: Array) -> Bound:
     """
     unit = np.asarray(scale, dtype=np.float64)
     scaled = information * unit[..., :, None] * unit[..., None, :]
-    values, vectors = np.linalg.eigh(scaled)
+    missing = np.isnan(scaled).any(axis=(-1, -2), keepdims=True)
+    values, vectors = np.linalg.eigh(np.where(missing, 0.0, scaled))
     known = values > np.maximum(_RELATIVE * values[..., -1:], _ABSOLUTE)
     inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
     covariance = (vectors * inverse[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     unknown = (vectors * ~known[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    covariance, unknown = (np.where(missing, np.nan, M) for M in (covariance, unknown))
     variance = np.diagonal(covariance, axis1=-2, axis2=-1)
     lost = np.diagonal(unknown, axis1=-2, axis2=-1) > _LOST
     std = np.where(lost, np.inf, np.sqrt(np.maximum(variance, 0.0)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,8 @@ Array = NDArray[np.float64]
 
 #: Length of a run, s, and of its start that does not count: the track's slow part builds up.
 _DURATION, _SETTLING = 42.0, 2.0
+#: Most steps of a run, and the longest step, s: between samples the track must not stand still.
+_STEPS, _STEP = 50_000, 2e-3
 #: Least and largest window in samples: a decision takes the covariance of all of them. Error in between:
 #: where counting takes the fewest decisions to tell whether theory is right.
 _SAMPLES, _ERROR = (20, 250), 0.15
@@ -103,7 +106,7 @@ def _confirmed(pair: Pair, setup: Setup, names: Sequence[str], seed: int) -> Con
         record(_journey(setup, condition, point.creep, point.v, seed + k))
         for k, (condition, point) in enumerate(((pair.first, pair.p), (pair.second, pair.q)))
     ]
-    windows = [_windows(recording, names, round(_SETTLING / h), samples) for recording in recordings]
+    windows = [_windows(recording, names, samples, h) for recording in recordings]
     errors, decisions = _count(models, windows, samples)
     low, high = _interval(errors, decisions)
     return Confirmation(
@@ -120,9 +123,11 @@ def _confirmed(pair: Pair, setup: Setup, names: Sequence[str], seed: int) -> Con
 
 
 def _journey(setup: Setup, condition: str, creep: float, speed: float, seed: int) -> Journey:
+    h = 1.0 / setup.sample_rate
+    step = h / math.ceil(h / _STEP)
     return Journey(
-        duration=_DURATION,
-        step=1.0 / setup.sample_rate,
+        duration=min(round(_DURATION / step), _STEPS) * step,
+        step=step,
         speed=speed,
         creep=creep,
         rails=(Stretch(0.0, CONDITIONS[condition]),),
@@ -134,9 +139,10 @@ def _journey(setup: Setup, condition: str, creep: float, speed: float, seed: int
     )
 
 
-def _windows(recording: Recording, names: Sequence[str], skip: int, samples: int) -> Array:
-    """Return the samples (T m, windows) of one run cut into windows, sample by sample."""
-    z = np.column_stack([getattr(recording, _RECORDED[name]) for name in names])[skip:]
+def _windows(recording: Recording, names: Sequence[str], samples: int, h: float) -> Array:
+    """Return the samples (T m, windows), every h seconds, of one run cut into windows, sample by sample."""
+    z = np.column_stack([getattr(recording, _RECORDED[name]) for name in names])
+    z = z[:: round(h / recording.journey.step)][round(_SETTLING / h) :]
     count = len(z) // samples
     return z[: count * samples].reshape(count, -1).T
 

@@ -5,6 +5,7 @@ With slopes averaged over the motion that the track causes: on low rail it is as
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -133,9 +134,11 @@ def limits(
     for j, speed in enumerate(chosen):
         field = _Field(setup, conditions, speed)
         for i, condition in enumerate(conditions):
-            found, rival[i, j] = _at(setup, field, condition)
-            for name, values in found.items():
-                arrays[name][i, j] = values
+            at = field.places[condition]
+            if at:
+                found, rival[i, j, at] = _at(setup, field, condition)
+                for name, values in found.items():
+                    arrays[name][i, j, at] = values
             progress((j * len(conditions) + i + 1) / (len(chosen) * len(conditions)))
     return Limits(tuple(conditions), chosen, SHARES, setup.window, **arrays, rival=rival.astype(str))
 
@@ -152,23 +155,27 @@ Rivals: TypeAlias = "list[tuple[int, str, OperatingPoint]]"
 
 
 class _Field:
-    """Averaged points of some rails at one speed, and their rivals among all rails."""
+    """Averaged points of some rails at one speed where the motion is steady, and rivals among all rails.
+
+    `places` are those of the points in `SHARES`.
+    """
 
     def __init__(self, setup: Setup, conditions: Sequence[str], speed: float) -> None:
         track, wheelset = setup.spectrum, setup.wheelset
         self.curves = {name: curve_of(name, speed, setup) for name in CONDITIONS}
-        self.points = {
-            name: averaged_points(
-                self.curves[name], np.array(SHARES) * self.curves[name].peak_creep, track, wheelset
-            )
-            for name in conditions
-        }
+        self.points: dict[str, list[OperatingPoint]] = {}
+        self.places: dict[str, list[int]] = {}
+        self._rivals: dict[str, dict[str, tuple[OperatingPoint | None, ...]]] = {}
+        for name in conditions:
+            curve = self.curves[name]
+            every = averaged_points(curve, np.array(SHARES) * curve.peak_creep, track, wheelset)
+            self.places[name] = [k for k, point in enumerate(every) if math.isfinite(point.force)]
+            self.points[name] = [every[k] for k in self.places[name]]
         forces = [point.force for points in self.points.values() for point in points]
-        rivals = averaged_same_force(forces, self.curves, track, wheelset)
-        self._rivals = {
-            name: {true: found[k * len(SHARES) : (k + 1) * len(SHARES)] for k, true in enumerate(self.points)}
-            for name, found in rivals.items()
-        }
+        ends = np.cumsum([0, *map(len, self.points.values())])
+        for name, found in averaged_same_force(forces, self.curves, track, wheelset).items():
+            spans = zip(self.points, ends, ends[1:], strict=False)
+            self._rivals[name] = {true: found[start:end] for true, start, end in spans}
 
     def rivals(self, condition: str) -> Rivals:
         """Return the points of other rails that have the mean forces of a rail's points."""
@@ -182,7 +189,7 @@ class _Field:
 
 
 def _at(setup: Setup, field: _Field, condition: str) -> tuple[dict[str, Array], list[str]]:
-    """Return the values (share,) on one rail, and the names of the nearest rivals."""
+    """Return the values (n,) at the points of one rail, and the names of the nearest rivals."""
     wheelset, track = setup.wheelset, setup.spectrum
     curve, points = field.curves[condition], field.points[condition]
     creeps = np.array([point.creep for point in points])
@@ -202,9 +209,10 @@ def _at(setup: Setup, field: _Field, condition: str) -> tuple[dict[str, Array], 
     information = setup.window * fisher_rate(family)
     bound = cramer_rao(information, SLOPES, family.scale)
     window, rival = _nearest(setup, family.process, field.rivals(condition))
+    amplitude = np.array([creep_amplitude(p, track, wheelset) for p in points])
     values = {
         "utilisation": np.array([point.force for point in points]) / float(curve.force(curve.peak_creep)),
-        "amplitude": np.array([creep_amplitude(p, track, wheelset) for p in points]) / curve.peak_creep,
+        "amplitude": np.where(np.isfinite(amplitude), amplitude, np.nan) / curve.peak_creep,
         "g11": bound.std[:, 0] / curve.initial_slope,
         "g22": bound.std[:, 1] / curve.initial_slope,
         "creep": creep_bound(curve, creeps, information, slopes=slopes) / creeps,
@@ -225,7 +233,7 @@ def _nearest(setup: Setup, truth: Process, rivals: Rivals, noise: float = 1.0) -
     others = _seen(setup, [q for _, _, q in rivals], noise)
     rates = divergence_rates(truth[np.array([k for k, _, _ in rivals])], others)
     for (k, name, _), needed in zip(rivals, window_needed(rates, ERROR), strict=True):
-        if not needed <= window[k]:
+        if not (np.isnan(window[k]) or needed <= window[k]):
             window[k], names[k] = needed, name
     return window, names
 
@@ -242,11 +250,11 @@ def noise_limits(
     setup: Setup, conditions: Sequence[str], speed: float, factors: Sequence[float]
 ) -> NoiseLimits:
     """Compute the windows over the noise of all sensors at one speed."""
-    window = np.empty((len(conditions), len(factors), len(SHARES)))
+    window = np.full((len(conditions), len(factors), len(SHARES)), np.nan)
     field = _Field(setup, conditions, speed)
     for i, condition in enumerate(conditions):
-        rivals = field.rivals(condition)
-        for j, factor in enumerate(factors):
-            truth = _seen(setup, field.points[condition], factor)
-            window[i, j], _ = _nearest(setup, truth, rivals, factor)
+        points, rivals = field.points[condition], field.rivals(condition)
+        for j, factor in enumerate(factors if points else ()):
+            found, _ = _nearest(setup, _seen(setup, points, factor), rivals, factor)
+            window[i, j, field.places[condition]] = found
     return NoiseLimits(speed, tuple(factors), window)

@@ -24,6 +24,8 @@ __all__ = ["brief_of", "information_summary", "information_words", "sensor_summa
 
 Array = NDArray[np.float64]
 
+_HOUR = 3600.0
+
 
 def information_words(
     found: Limits, bounds: SlopeBounds, confirmations: Sequence[Confirmation], grid: Grid
@@ -57,11 +59,15 @@ def _decided(found: Limits) -> str:
     return (
         f"No method can tell the rail from its nearest rival with less than {percent(ERROR)} errors within "
         f"{quantity(found.T, 's')} at {percent(share)} of the points of the map, on {_plain(listed(rails))} "
-        f"rail. The longest record, {quantity(float(found.window[i, j, k]), 's', 2)}, is needed between "
+        f"rail. The longest record, {_length(float(found.window[i, j, k]))}, is needed between "
         f"{_plain(found.conditions[i])} and {_plain(str(found.rival[i, j, k]))} rail at "
         f"{quantity(found.speeds[j], 'm/s')} and {percent(found.shares[k])} of the creep of the peak: at the "
         "same force both have nearly the same slopes, and what differs hides in the noise."
     )
+
+
+def _length(window: float) -> str:
+    return quantity(window, "s", 2) if window < _HOUR else "more than an hour"
 
 
 def _peak(found: Limits) -> str:
@@ -149,7 +155,9 @@ def _range(values: Array) -> str:
 
 
 def _part(value: float) -> str:
-    return f"{number(100.0 * value, 1)} %"
+    if value > 1.0:
+        return "over 100 %"
+    return f"{number(100.0 * value, 1)} %" if value >= 1e-3 else "under 0.1 %"
 
 
 def sensor_words(

@@ -203,7 +203,7 @@ def _section(kind: Kind, found: Access, grid: Grid, main: str) -> Section:
         },
         tables=(_table(kind, found, grid),),
         figures=_figures(kind, found, grid),
-        summary=(words[0],),
+        summary=(words[0], *_blind(kind, found, grid, found.names.index(main))),
     )
 
 
@@ -269,6 +269,13 @@ def _words(kind: Kind, found: Access, grid: Grid, main: str) -> list[str]:
             f"{quantity(grid.speeds[j], 'm/s')}, {grid.point_names[k]}: a relative change of "
             f"{number(float(values[i, j, k]), 2)} would {_LOSS[kind]}."
         )
+    return words + _blind(kind, found, grid, s)
+
+
+def _blind(kind: Kind, found: Access, grid: Grid, s: int) -> list[str]:
+    """Tell what of the wheelset set `s` does not reach or see where no other does either."""
+    _, verbs, past, _ = _VERBS[kind]
+    words = []
     for p in range(grid.shape[2]):
         hidden = sorted({name for text in found.hidden[s, :, :, p].flat for name in text.split(", ") if name})
         if hidden and not found.complete[:, :, :, p].any():

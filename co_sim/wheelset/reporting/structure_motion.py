@@ -94,7 +94,7 @@ def motion_section(setup: Setup, grid: Grid, progress: Callable[[float], None]) 
         },
         tables=(_table(found, grid),),
         figures=_figures(found, grid),
-        summary=(words[0],),
+        summary=tuple(words),
         brief={"critical speed": [[_limit(s) for s in row] for row in found.of_points]},
     )
 

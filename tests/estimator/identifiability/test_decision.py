@@ -162,7 +162,7 @@ def test_pairs_must_be_alike(function: Callable[..., object], pair: tuple[Proces
 
 def test_estimated_error_is_that_of_the_likelihood_ratio(pair: tuple[Process, Process]) -> None:
     # The log-likelihood ratio is a sum of chi-squares with the eigenvalues of S_q^-1 S_p.
-    rng, runs = np.random.default_rng(2), 200_000
+    rng, runs = np.random.default_rng(2), 60_000
     for n in (6, 20, 60):
         a, b = (window_covariance(x, n, start="steady") for x in pair)
         ratio = linalg.eigh(a, b, eigvals_only=True)

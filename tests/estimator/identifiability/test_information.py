@@ -305,3 +305,12 @@ def test_only_rails_that_carry_the_force_are_left(low: CreepCurve, dry: CreepCur
     for point in rivals.values():
         assert point.force == pytest.approx(float(low.force(creep)), rel=1e-9)
     assert set(same_force(dry, 0.5 * dry.peak_creep, CONDITIONS)) == {"dry"}
+
+
+def test_bounds_of_unknown_information_are_unknown() -> None:
+    information = np.array([np.eye(2), np.full((2, 2), np.nan)])
+    bound = cramer_rao(information, ("a", "b"), np.ones(2))
+    assert bound.std[0].tolist() == [1.0, 1.0]
+    assert np.isnan(bound.std[1]).all()
+    assert bound.knowable.tolist() == [True, False]
+    assert np.isnan(bound_of(information, np.ones(2), np.ones(2))[1])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from estimator import ERRI_B176, OperatingPoint, wheelset_model
+from estimator import ERRI_B176, CreepCurve, OperatingPoint, wheelset_model
 from estimator.identifiability import (
     SENSORS,
     Family,
@@ -28,7 +28,6 @@ from estimator.identifiability.spectra import frequency_grid, spectrum_with_slop
 from estimator.linear_models import full_model, point_at
 
 if TYPE_CHECKING:
-    from estimator import CreepCurve
     from fmu_wheelset.parameters import WheelsetParameters
 
 TRACK = ERRI_B176["erri_low"]
@@ -187,3 +186,16 @@ def test_process_of_white_noise_alone_is_flat() -> None:
     one = np.ones((1, 1))
     process = Process(0.0 * one, 0.0 * one, one, 4.0 * one, 1.0, ("z",))
     assert spectrum(process, np.array([0.1, 3.0]))[:, 0, 0] == pytest.approx([4.0, 4.0])
+
+
+def test_narrow_resonances_near_the_peak_are_integrated(low: CreepCurve) -> None:
+    # At 0.995 of the creep of the peak the yaw mode is hardly damped: its line is far below a rad/s wide.
+    fast = CreepCurve(low.condition, v=80.0)
+    process = wheelset_process(point_at(fast, "P", 0.995 * fast.peak_creep), TRACK)
+    poles = process.poles()
+    assert np.min(np.abs(poles.real[poles.imag > 1.0])) < 0.1
+    omega, weights = frequency_grid(process)
+    S = np.diagonal(spectrum(process, omega), axis1=-2, axis2=-1).real
+    P = steady_covariance(process)
+    expected = np.diag(process.H @ P @ process.H.T + process.R)
+    assert process.h / math.pi * np.sum(S * weights[:, None], axis=0) == pytest.approx(expected, rel=1e-6)

@@ -23,7 +23,7 @@ from estimator.structure import (
     observability_rank,
     scaled,
 )
-from estimator.structure.distance import _floors, nearest_loss, smallest_at
+from estimator.structure.distance import _floors, local_minimum, nearest_loss, smallest_at
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -93,6 +93,18 @@ def test_measures_are_cosines(make) -> None:
     assert second.measures == pytest.approx([0.8, 1.0])
 
 
+def test_outputs_are_the_inputs_of_the_dual_model(make) -> None:
+    A, B = np.array([[-1.0, 4.0], [0.0, -2.0]]), np.array([[1.0, 0.0], [2.0, 1.0]])
+    scales = Scales(np.ones(2), np.ones(2), np.ones(1)), Scales(np.ones(2), np.ones(1), np.ones(2))
+    reached = controllability_margins(make(A, B), scales=scales[0])
+    seen = observability_margins(make(A.T, None, B.T), scales=scales[1])
+    for a, b in zip(reached, seen, strict=True):
+        assert b.measures == pytest.approx(a.measures)
+    # The left eigenvectors of A are (1, 4)/17^(1/2) and (0, 1).
+    assert reached[0].measures == pytest.approx(np.array([9.0 / np.sqrt(5.0), 4.0]) / np.sqrt(17.0))
+    assert reached[1].measures == pytest.approx([2.0 / np.sqrt(5.0), 1.0])
+
+
 def test_modes_lost_at_ill_conditioned_eigenvalues_are_found(make) -> None:
     # Three equal modes in a chain that the input does not touch: rounding throws them 1e-5 apart.
     rng = np.random.default_rng(0)
@@ -139,6 +151,17 @@ def test_decoupled_parts_lose_their_weakest_input(a: Array, b: Array, seed: int)
     assert lower >= 0.94 * b.min() - 1e-13
 
 
+def test_the_nearest_loss_is_found_where_no_descent_from_an_eigenvalue_leads() -> None:
+    A = np.array([[3.0, 0.0, -1.0], [3.0, 2.0, 2.0], [0.0, 0.0, 2.0]])
+    B = np.array([[2.0], [3.0], [-2.0]])
+    nearby, _ = local_minimum(A, B, np.linalg.eigvals(A).astype(complex))
+    value, lower, _ = nearest_loss(A, B, within=0.01)
+    x, y = np.meshgrid(np.linspace(-1, 5, 121), np.linspace(0, 3, 61))
+    assert min(smallest_at(A, B, z) for z in (x + 1j * y).ravel()) == pytest.approx(value, rel=5e-3)
+    assert value < 0.6 * nearby
+    assert lower > 0.98 * value
+
+
 @settings(max_examples=20)
 @given(seeds, st.integers(1, 5), st.integers(1, 2))
 def test_nothing_undercuts_the_lower_bound(seed: int, n: int, m: int) -> None:
@@ -160,6 +183,15 @@ def test_no_point_of_a_disc_undercuts_its_floor(seed: int, size: float) -> None:
     floor = _floors(A, B, s, radius)[0]
     around = s + radius * np.exp(2j * np.pi * np.arange(16) / 16) * rng.uniform(0, 1, 16)
     assert min(smallest_at(A, B, z) for z in [*around, s[0]]) >= floor - 1e-14
+
+
+def test_the_floor_follows_where_only_the_coupling_moves_the_value() -> None:
+    # [[-s, 4], [1, -s]] has the slope 0 at s = 0, and falls as 1 - |s|^2/4 towards its eigenvalues.
+    A, B, radius = np.array([[0.0, 4.0], [1.0, 0.0]]), np.zeros((2, 1)), 0.3
+    floor = _floors(A, B, np.zeros(1, dtype=complex), radius)[0]
+    lowest = smallest_at(A, B, radius)
+    assert lowest == pytest.approx(1.0 - radius**2 / 4.0, rel=0.01)
+    assert lowest - 0.02 < floor <= lowest
 
 
 def test_the_change_that_the_distance_tells_loses_a_mode(make) -> None:

@@ -110,3 +110,13 @@ def test_slope_bounds_of_an_unstable_wheelset_come_from_its_first_second() -> No
     grid = replace(GRID, points=("P3",))
     one, ten = (slope_bounds(replace(SETUP, window=T), grid, nothing).g11 for T in (1.0, 10.0))
     assert np.array_equal(one, ten)
+
+
+def test_an_unsteady_motion_is_a_gap_and_not_a_failure() -> None:
+    # Above the critical speed on dry rail, where the contact is stiff.
+    soft = replace(SETUP, wheelset=replace(SETUP.wheelset, k_w=1e5))
+    found = limits(soft, ("dry",), (60.0,), nothing)
+    unsteady = np.isnan(found.utilisation)
+    assert unsteady.any()
+    for name in ("amplitude", "g11", "creep", "adhesion", "window"):
+        assert np.isnan(getattr(found, name)[unsteady]).all()
