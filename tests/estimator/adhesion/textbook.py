@@ -28,9 +28,7 @@ I = {name: i for i, name in enumerate(STATES)}  # noqa: E741
 FAST = ("u", "r", "l_L", "l_R")
 
 
-def rates(
-    x: Array, condition: RailCondition, wheelset: WheelsetParameters, v: float, torque: float
-) -> Array:
+def rates(x: Array, condition: RailCondition, wheelset: WheelsetParameters, v: float, torque: float) -> Array:
     """Return the rates of u, r, l_L and l_R: Newton and Euler."""
     w = wheelset
     u, r, l_L, l_R, psi, y, theta, _, q, s = x[:10]
