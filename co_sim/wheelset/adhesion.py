@@ -42,13 +42,7 @@ class AdhesionComponent(Component):
     """
 
     def __init__(self, bank: AdhesionBank, *, period: int = 1) -> None:
-        regions = [
-            Port(f"p_region.{name}", description=f"probability of the region {name}") for name in REGIONS
-        ]
-        conditions = [
-            Port(f"p_condition.{name}", description=f"probability of the condition {name}")
-            for name in bank.conditions
-        ]
+        classes = {"region": REGIONS, "condition": tuple(bank.conditions)}
         super().__init__(
             inputs=[
                 *(Port(name, unit, description=f"measured {name}") for name, unit in MEASUREMENTS),

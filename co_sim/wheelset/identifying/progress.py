@@ -17,7 +17,7 @@ _TEXTS = {
     "reading": "Reading the log",
     "sensors": "Looking for faults of the sensors",
     "design": "Designing the filters",
-    "filters": "Running the filters",
+    "filters": "Running the filters (the first time they are compiled)",
     "advice": "Advising",
     "writing": "Writing the rows",
     "figures": "Drawing figures and writing the report",
