@@ -6,7 +6,14 @@ scaled units (`natural_scales`), in which the answers do not depend on the units
 
 from estimator.structure.analysis import Access, Structure, analyse
 from estimator.structure.distance import Distance, distance_to_uncontrollable, distance_to_unobservable
-from estimator.structure.filters import SteadyFilter, Verdict, detectable, stabilisable, steady_filter
+from estimator.structure.filters import (
+    SteadyFilter,
+    Verdict,
+    detectable,
+    filter_exists,
+    stabilisable,
+    steady_filter,
+)
 from estimator.structure.gramians import Gramians, gramians
 from estimator.structure.margins import ModeMargin, controllability_margins, observability_margins
 from estimator.structure.modes import Mode, modes
@@ -32,6 +39,7 @@ __all__ = [
     "detectable",
     "distance_to_uncontrollable",
     "distance_to_unobservable",
+    "filter_exists",
     "gramians",
     "modes",
     "natural_scales",

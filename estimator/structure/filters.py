@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from estimator.structure.modes import Mode
 
-__all__ = ["SteadyFilter", "Verdict", "detectable", "stabilisable", "steady_filter"]
+__all__ = ["SteadyFilter", "Verdict", "detectable", "filter_exists", "stabilisable", "steady_filter"]
 
 Array = NDArray[np.float64]
 
@@ -125,20 +125,45 @@ def steady_filter(
     system = as_system(model)
     scales = natural_scales(system) if scales is None else scales
     part = system.select(inputs=inputs, outputs=outputs)
-    root = _root("W", W, len(part.inputs), definite=False)
     _root("R", R, len(part.outputs), definite=True)
+    exists = filter_exists(system, W, inputs=inputs, outputs=outputs, scales=scales, tolerance=tolerance)
+    if not exists:
+        return SteadyFilter(exists, None, None, ())
+    root = _root("W", W, len(part.inputs), definite=False)
+    P, K = _riccati(part, root, np.asarray(R, dtype=np.float64), scales)
+    errors = linalg.eigvals(part.A - K @ part.C if not part.sampled else part.A - part.A @ K @ part.C)
+    slow = -np.abs(errors) if part.sampled else -errors.real
+    return SteadyFilter(exists, K, P, tuple(complex(s) for s in errors[np.argsort(slow, kind="stable")]))
+
+
+def filter_exists(
+    model: control.StateSpace | LinearSystem,
+    W: Array,
+    *,
+    inputs: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    scales: Scales | None = None,
+    tolerance: float = TOLERANCE,
+) -> Verdict:
+    """Return whether there is a steady-state Kalman filter, whatever the noise of the outputs.
+
+    As `steady_filter`, without computing it.
+
+    Raises
+    ------
+    ValueError
+        If W has another shape, is not positive semidefinite, or noise reaches an output directly.
+    """
+    system = as_system(model)
+    scales = natural_scales(system) if scales is None else scales
+    part = system.select(inputs=inputs, outputs=outputs)
+    root = _root("W", W, len(part.inputs), definite=False)
     if np.any(part.D @ root):
         raise ValueError(
             "noise: got an input that reaches an output directly, expected D = 0; "
             "put that noise into R, or shape it by states of its own"
         )
-    exists = _existence(system, part, root, scales, tolerance)
-    if not exists:
-        return SteadyFilter(exists, None, None, ())
-    P, K = _riccati(part, root, np.asarray(R, dtype=np.float64), scales)
-    errors = linalg.eigvals(part.A - K @ part.C if not part.sampled else part.A - part.A @ K @ part.C)
-    slow = -np.abs(errors) if part.sampled else -errors.real
-    return SteadyFilter(exists, K, P, tuple(complex(s) for s in errors[np.argsort(slow, kind="stable")]))
+    return _existence(system, part, root, scales, tolerance)
 
 
 def _existence(

@@ -45,7 +45,7 @@ def draw_distances(
     height = _ROW * (len(names) + 0.6) * len(points)
     sheet = Sheet(_WIDTH, _TOP + rows * (height + 0.4) + 0.42, title)
     width = (sheet.width - left - _RIGHT - gap * (columns - 1)) / columns
-    limits = _limits(distances)
+    limits = _limits(np.where(lost, 0.0, distances))
     for i, condition in enumerate(conditions):
         row, column = divmod(i, columns)
         bottom = 0.55 + (rows - 1 - row) * (height + 0.4)
@@ -66,7 +66,8 @@ def draw_distances(
             if column == 0:
                 middle = ax.get_position().y0 + 0.5 * ax.get_position().height
                 sheet.figure.text(0.12 / sheet.width, middle, point, va="center", weight="bold")
-    _bar(sheet, image, limits, "distance")
+    if not lost.all():
+        _bar(sheet, image, limits, "distance")
     return sheet
 
 
@@ -86,7 +87,7 @@ def draw_mode_margins(
     left, below = _label_width(names) + 0.1, 1.05
     height = 1.35 * _ROW * len(names)
     sheet = Sheet(_WIDTH, _TOP + len(points) * (height + below) + 0.25, title)
-    limits = _limits(margins)
+    limits = _limits(np.where(lost, 0.0, margins))
     for k, point in enumerate(points):
         bottom = below + (len(points) - 1 - k) * (height + below)
         ax = sheet.axes(left, bottom, sheet.width - left - _RIGHT, height)
@@ -97,7 +98,8 @@ def draw_mode_margins(
         labels = [_mode_label(s, name) for s, name in zip(poles[k][chosen], dominant[k][chosen], strict=True)]
         ax.set_xticks(range(len(labels)), labels, fontsize=8.0)
     ax.set_xlabel("mode: state that participates most, growth rate (1/s), frequency")
-    _bar(sheet, image, limits, "margin")
+    if not lost.all():
+        _bar(sheet, image, limits, "margin")
     return sheet
 
 
@@ -162,7 +164,7 @@ def _limits(values: Array) -> tuple[float, float]:
 
 
 def _bar(sheet: Sheet, image: AxesImage, limits: tuple[float, float], label: str) -> None:
-    height = min(2.2, sheet.height - 1.9)
+    height = max(0.5, min(2.2, sheet.height - 1.9))
     ax = sheet.axes(sheet.width - _RIGHT + 0.2, sheet.top - 0.3 - height, 0.16, height)
     sheet.figure.colorbar(image, cax=ax, format=lambda value, _: power_of_ten(10.0**value))
     low, high = limits

@@ -53,7 +53,7 @@ def _panels(conditions: Sequence[str], title: str) -> tuple[Sheet, list[Axes]]:
 
 def _bar(sheet: Sheet, image: object, label: str) -> Axes:
     """Add a scale of colours right of the panels."""
-    ax = sheet.axes(sheet.width - _RIGHT + 0.2, _BOTTOM + 0.1, 0.16, 1.9)
+    ax = sheet.axes(sheet.width - _RIGHT + 0.2, _BOTTOM + 0.1, 0.16, min(1.9, sheet.height - 2.3))
     sheet.figure.colorbar(image, cax=ax)  # type: ignore[arg-type]
     ax.set_ylabel(label)
     return ax

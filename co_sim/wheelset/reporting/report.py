@@ -79,7 +79,8 @@ class Report:
             for k, point in enumerate(self.grid["point"])
         ]
         headings = [Column(name) for name in ("rail", "point", *columns)]
-        return Table("At a glance", tuple(headings), tuple(rows))
+        note = "Two numbers are the least and the largest over the speeds of the grid."
+        return Table("At a glance", tuple(headings), tuple(rows), note)
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of report.json."""

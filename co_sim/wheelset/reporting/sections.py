@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from co_sim.wheelset.reporting.information_section import information_sections
 from co_sim.wheelset.reporting.roads_section import roads_section
 from co_sim.wheelset.reporting.structure_section import structure_sections
 
@@ -17,5 +18,9 @@ __all__ = ["SECTIONS"]
 
 #: Functions that compute sections, by what the progress bar calls them.
 SECTIONS: Mapping[str, MakeSection] = MappingProxyType(
-    {"Structure": structure_sections, "Three roads": roads_section}
+    {
+        "Structure": structure_sections,
+        "Identifiability": information_sections,
+        "Three roads": roads_section,
+    }
 )

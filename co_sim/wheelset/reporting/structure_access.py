@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from co_sim.wheelset.prose.words import capital, listed, number, quantity
+from co_sim.wheelset.prose.words import listed, number, quantity
 from co_sim.wheelset.reporting.section import GRID_AXES, Column, Figure, Quantity, Section, Table
 from co_sim.wheelset.reporting.setup import SENSORS, sensor_set_name
 from estimator.linear_models import full_model
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from co_sim.wheelset.reporting.grid import Grid
     from co_sim.wheelset.reporting.section import Cell
     from co_sim.wheelset.reporting.setup import Setup
+    from estimator.structure import Scales
 
 __all__ = ["access_sections"]
 
@@ -105,8 +106,9 @@ def access_sections(setup: Setup, grid: Grid, progress: Callable[[float], None])
     cells: dict[Kind, list[list[dict[str, object]]]] = {"reach": [], "sight": []}
     for i, at in enumerate(points):
         system = LinearSystem.of(full_model(at.point, setup.wheelset), **_UNITS)
-        cells["reach"].append([_asked("reach", system, names) for names in _INPUTS.values()])
-        cells["sight"].append([_asked("sight", system, names) for names in outputs.values()])
+        scales = natural_scales(system)
+        cells["reach"].append([_asked("reach", system, names, scales) for names in _INPUTS.values()])
+        cells["sight"].append([_asked("sight", system, names, scales) for names in outputs.values()])
         progress((i + 1) / len(points))
     main = sensor_set_name(setup.main_sensors)
     return (
@@ -115,8 +117,7 @@ def access_sections(setup: Setup, grid: Grid, progress: Callable[[float], None])
     )
 
 
-def _asked(kind: Kind, system: LinearSystem, names: tuple[str, ...]) -> dict[str, object]:
-    scales = natural_scales(system)
+def _asked(kind: Kind, system: LinearSystem, names: tuple[str, ...], scales: Scales) -> dict[str, object]:
     if kind == "reach":
         rank = controllability_rank(system, names, scales=scales)
         margins = controllability_margins(system, names, scales=scales)
@@ -181,6 +182,7 @@ _MARGINS = {
     "reach": "Which modes do the inputs nearly miss?",
     "sight": "Which modes do the sensors nearly miss?",
 }
+_LOSS = {"reach": "put a mode out of reach", "sight": "hide a mode"}
 _VERBS = {
     "reach": ("reach", "reaches", "reached", "stabilisable"),
     "sight": ("see", "sees", "seen", "detectable"),
@@ -201,7 +203,7 @@ def _section(kind: Kind, found: Access, grid: Grid, main: str) -> Section:
         },
         tables=(_table(kind, found, grid),),
         figures=_figures(kind, found, grid),
-        summary=(words[0],),
+        summary=(words[0], *_blind(kind, found, grid, found.names.index(main))),
     )
 
 
@@ -245,12 +247,12 @@ def _numbers(kind: Kind, found: Access) -> dict[str, Quantity]:
 def _words(kind: Kind, found: Access, grid: Grid, main: str) -> list[str]:
     verb, verbs, past, _ = _VERBS[kind]
     s = found.names.index(main)
-    plain = main.replace("+", " and ").replace("_", " ")
-    who = "All three inputs together" if kind == "reach" else capital(plain)
+    sensors = listed([_plain(name) for name in main.split("+")])
     singular = kind == "sight" and "+" not in main
+    who = "all three inputs together" if kind == "reach" else f"the set {sensors}" if singular else sensors
     parts = [f"{_ranks(found.rank[s, :, :, k])} at {name}" for k, name in enumerate(grid.point_names)]
     words = [
-        f"{who} {verbs if singular else verb} {listed(parts)} of the driven wheelset's seven dimensions."
+        f"Of the driven wheelset's seven dimensions {who} {verbs if singular else verb} {listed(parts)}."
     ]
     complete = found.complete[s]
     barely = int(np.sum(found.rank[s] == _ORDER) - np.sum(complete))
@@ -265,8 +267,15 @@ def _words(kind: Kind, found: Access, grid: Grid, main: str) -> list[str]:
         words.append(
             f"Where all is {past}, it is nearest to a loss on {_plain(grid.conditions[i])} rail at "
             f"{quantity(grid.speeds[j], 'm/s')}, {grid.point_names[k]}: a relative change of "
-            f"{number(float(values[i, j, k]), 2)} would hide a mode."
+            f"{number(float(values[i, j, k]), 2)} would {_LOSS[kind]}."
         )
+    return words + _blind(kind, found, grid, s)
+
+
+def _blind(kind: Kind, found: Access, grid: Grid, s: int) -> list[str]:
+    """Tell what of the wheelset set `s` does not reach or see where no other does either."""
+    _, verbs, past, _ = _VERBS[kind]
+    words = []
     for p in range(grid.shape[2]):
         hidden = sorted({name for text in found.hidden[s, :, :, p].flat for name in text.split(", ") if name})
         if hidden and not found.complete[:, :, :, p].any():

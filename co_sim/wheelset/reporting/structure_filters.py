@@ -15,7 +15,7 @@ from co_sim.wheelset.reporting.section import GRID_AXES, Column, Figure, Quantit
 from co_sim.wheelset.reporting.setup import SENSORS, sensor_set_name
 from estimator import filter_model, wheelset_model
 from estimator.linear_models import TRACK_DECAY
-from estimator.structure import LinearSystem, gramians, steady_filter
+from estimator.structure import LinearSystem, filter_exists, gramians, natural_scales, steady_filter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,8 +52,9 @@ class Filters:
     Parameters
     ----------
     names : of the sets of sensors.
-    exists, reason, forgets : (noise, set, condition, speed, point); the last the time constant (s) of the
-        slowest error besides that of the track offset, nan where there is no filter.
+    exists, reason : (noise, set, condition, speed, point).
+    forgets : (set, condition, speed, point) time constant (s) of the slowest error besides that of the track
+        offset, with both noises; nan where there is no filter.
     hankel : (condition, speed, point, direction).
     """
 
@@ -80,8 +81,8 @@ def filter_section(setup: Setup, grid: Grid, progress: Callable[[float], None]) 
             "forgets": Quantity(
                 found.forgets,
                 "s",
-                "time constant of the slowest error but the track offset's own",
-                over,
+                "time constant of the slowest error but the track offset's own, with both noises",
+                ("set", *GRID_AXES),
                 _NONE,
             ),
             "hankel_singular_value": Quantity(
@@ -95,7 +96,7 @@ def filter_section(setup: Setup, grid: Grid, progress: Callable[[float], None]) 
         },
         axes={"noise": _NOISES, "set": found.names, "direction": tuple(range(1, _ORDER + 1))},
         tables=(_table(found, grid),),
-        figures=(_figure(setup, found, grid),),
+        figures=(_figure(setup, found, grid),) if found.hankel.any() else (),
         summary=(words[0],),
         brief={"steady filter": _brief(found, main, grid)},
     )
@@ -107,16 +108,22 @@ def filter_section(setup: Setup, grid: Grid, progress: Callable[[float], None]) 
 def _compute(setup: Setup, grid: Grid, progress: Callable[[float], None]) -> Filters:
     sets = _sets(setup)
     shape = (len(_NOISES), len(sets), *grid.shape)
-    exists, forgets = np.zeros(shape, dtype=bool), np.full(shape, np.nan)
+    exists, forgets = np.zeros(shape, dtype=bool), np.full(shape[1:], np.nan)
     reason = np.full(shape, "", dtype=object)
     hankel = np.zeros((*grid.shape, _ORDER))
     points = grid.resolve(setup.wheelset)
+    outputs = [[SENSORS[name].measures[0] for name in names] for names in sets]
     for n, at in enumerate(points):
+        model, noises = _filter_model(setup, at), _noises(setup, at.speed)
+        scales = natural_scales(model)
         for i, s in np.ndindex(shape[:2]):
-            one = _filter(setup, at, sets[s], with_accelerations=i == 1)
             place = (i, s, *at.index)
-            exists[place], reason[place] = one.exists.holds, one.exists.reason
-            forgets[place] = _forgets(one)
+            verdict = filter_exists(model, noises[i], outputs=outputs[s], scales=scales)
+            exists[place], reason[place] = verdict.holds, verdict.reason
+        for s, names in enumerate(sets):
+            R = np.diag([setup.noise[name] ** 2 / setup.sample_rate for name in names])
+            found = steady_filter(model, noises[1], R, outputs=outputs[s], scales=scales)
+            forgets[(s, *at.index)] = _forgets(found)
         hankel[at.index] = _reaching(setup, at)
         progress((n + 1) / len(points))
     names = tuple(sensor_set_name(names) for names in sets)
@@ -129,23 +136,23 @@ def _sets(setup: Setup) -> tuple[tuple[str, ...], ...]:
     return tuple(dict.fromkeys(names for names in kept if names))
 
 
-def _filter(
-    setup: Setup, at: GridPoint, sensors: tuple[str, ...], *, with_accelerations: bool
-) -> SteadyFilter:
+def _filter_model(setup: Setup, at: GridPoint) -> LinearSystem:
+    """Return (13) with the lateral displacement as a further output."""
     system = LinearSystem.of(filter_model(at.point, setup.wheelset))
     displacement = np.array([[0.0, 0.0, 0.0, 1.0, 1.0]])  # y = y_t + (y - y_t)
-    system = replace(
+    return replace(
         system,
         C=np.vstack([system.C, displacement]),
         D=np.zeros((3, 3)),
         outputs=(*system.outputs, "lateral_displacement"),
         output_units=("rad/s", "m/s2", "m"),
     )
-    p = setup.wheelset
-    unmodelled = _UNMODELLED if with_accelerations else 0.0
-    W = np.diag([setup.spectrum.rate_intensity(at.speed), unmodelled, unmodelled * p.m_w / p.I_w])
-    R = np.diag([setup.noise[name] ** 2 / setup.sample_rate for name in sensors])
-    return steady_filter(system, W, R, outputs=[SENSORS[name].measures[0] for name in sensors])
+
+
+def _noises(setup: Setup, v: float) -> tuple[Array, Array]:
+    """Return the intensities of the inputs of (13): track alone, and with unmodelled accelerations."""
+    track, yaw = setup.spectrum.rate_intensity(v), setup.wheelset.m_w / setup.wheelset.I_w
+    return np.diag([track, 0.0, 0.0]), np.diag([track, _UNMODELLED, _UNMODELLED * yaw])
 
 
 def _forgets(found: SteadyFilter) -> float:
@@ -188,10 +195,10 @@ def _words(found: Filters, grid: Grid, main: int) -> list[str]:
         f"Of the steady-state filter (13) with {sensors} and the track as its only noise: {listed(parts)}."
     ]
     words += _reasons(found, grid, main)
-    known = found.forgets[0, main][np.isfinite(found.forgets[0, main])]
+    known = found.forgets[main][np.isfinite(found.forgets[main])]
     if known.size:
         words.append(
-            f"Where it exists, it forgets its start within {quantity(float(known.min()), 's', 2)} to "
+            f"With both noises it forgets its start within {quantity(float(known.min()), 's', 2)} to "
             f"{quantity(float(known.max()), 's', 2)} (time constants), but for the track offset, which is "
             f"seen only through its own decay in {quantity(1.0 / TRACK_DECAY, 's')}."
         )
@@ -234,19 +241,19 @@ def _against(found: Filters, noise: int, s: int, k: int) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    return name.replace("+", " and ").replace("_", " ")
+    return listed([part.replace("_", " ") for part in name.split("+")])
 
 
 def _table(found: Filters, grid: Grid) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for s, name in enumerate(found.names):
         for k, point in enumerate(grid.point_names):
-            known = found.forgets[1, s, :, :, k]
+            known = found.forgets[s, :, :, k]
             known = known[np.isfinite(known)]
             slowest = float(known.max()) if known.size else None
             rows.append(
                 (
-                    _plain(name).replace(" and ", " + "),
+                    name.replace("_", " ").replace("+", " + "),
                     point,
                     *(_share(found.exists[i, s, :, :, k]) for i in range(len(_NOISES))),
                     slowest,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from co_sim.wheelset.prose.words import listed, number, quantity
 from co_sim.wheelset.reporting.section import GRID_AXES, Column, Figure, Quantity, Section, Table
 from estimator import CreepCurve, wheelset_model
-from estimator.linear_models import operating_points, point_at, state_matrix
+from estimator.linear_models import OperatingPoint, operating_points, state_matrix
 from estimator.stability import StableSpeeds, stable_speeds
 from estimator.structure import LinearSystem, modes
 from fmu_wheelset import CONDITIONS
@@ -94,7 +94,7 @@ def motion_section(setup: Setup, grid: Grid, progress: Callable[[float], None]) 
         },
         tables=(_table(found, grid),),
         figures=_figures(found, grid),
-        summary=(words[0],),
+        summary=tuple(words),
         brief={"critical speed": [[_limit(s) for s in row] for row in found.of_points]},
     )
 
@@ -120,7 +120,7 @@ def _compute(setup: Setup, grid: Grid, progress: Callable[[float], None]) -> Mot
     searched = (min(_SLOWEST, grid.speeds[0]), fastest)
     limits, of_points = [], []
     for i, name in enumerate(grid.conditions):
-        find = partial(stable_speeds, CONDITIONS[name], wheelset=p, speeds=searched, resolution=2.0)
+        find = partial(stable_speeds, CONDITIONS[name], wheelset=p, speeds=searched, resolution=4.0)
         limits.append(tuple(find(creep) for creep in _CREEPAGES.tolist()))
         of_points.append(tuple(find(_creep_of(point)) for point in grid.points))
         progress(0.5 + 0.5 * (i + 1) / len(grid.conditions))
@@ -134,7 +134,9 @@ def _along(condition: str, v: float, wheelset: WheelsetParameters, relative: Arr
         peak = curve.peak_creep
     except ValueError:
         return np.full((relative.size, 4), np.nan, dtype=np.complex128)
-    matrices = [state_matrix(point_at(curve, "", x * peak), wheelset) for x in relative]
+    slopes = zip(curve.tangent(relative * peak), curve.secant(relative * peak), strict=True)
+    points = (OperatingPoint("", creep=0.0, force=0.0, g11=g11, g22=g22, v=v) for g11, g22 in slopes)
+    matrices = [state_matrix(point, wheelset) for point in points]
     return np.linalg.eigvals(np.array(matrices)).astype(np.complex128)
 
 
@@ -237,9 +239,8 @@ def _words(found: Motion, grid: Grid) -> list[str]:
         for name, row in zip(grid.conditions, found.limits, strict=True)
     ]
     words.append(
-        f"With hardly any creepage ({number(100 * _CREEPAGES[0], 1)} %) the critical speed is "
-        f"{listed(critical)}. Creepage lowers the slopes of the curve, so that hunting sets in at higher "
-        f"speeds; at the maximum of the curve damping is lost at every speed."
+        f"Critical speeds with hardly any creepage ({number(100.0 * _CREEPAGES[0], 1)} %): "
+        f"{listed(critical)}."
     )
     return words
 
