@@ -2,7 +2,7 @@
 
 A linear model takes the slopes of the creep curve at one creepage. When the wheelset yaws, the creepages of
 its wheels swing around that: along the track by ``a sin(phi)``, one up while the other goes down, and across
-it by ``b cos(phi)``, for the yaw angle lags its rate by a quarter of a period. The first harmonic of the forces
+it by ``b cos(phi)``, for the yaw angle lags its rate by a quarter of a period. The first harmonic of forces
 over the swing (describing function, Krylov and Bogoliubov) gives slopes that hold at that amplitude::
 
     g11 = 2 <f_x sin(phi)>/a,    g22 = 2 <f_y cos(phi)>/b

@@ -77,7 +77,7 @@ class LikelihoodBank:
     def new_memory(self, cell: int = 0) -> Memory:
         """Return the memory of a bank that has seen no sample and begins in that speed cell."""
         _, n, s, m = self.design.K.shape
-        start = self.design.start
+        start = self.design.start[cell]
         return Memory(
             x=np.zeros((n, s)),
             P=start[:, :, None] * np.eye(s),
@@ -187,13 +187,12 @@ def _stack(cells: tuple[tuple[RecursiveFilter, ...], ...], tolerance: float) -> 
     PH, scale, K = (np.zeros((c, n, s, m)) for _ in range(3))
     H, whitener = np.zeros((c, n, m, s)), np.zeros((c, n, m, m))
     log_det, steady = np.zeros((c, n)), np.zeros((c, n), dtype=np.bool_)
-    start, limit = np.zeros((n, s)), np.zeros((n, s))
+    start, limit = np.zeros((c, n, s)), np.zeros((c, n, s))
     for k, filters in enumerate(cells):
         for i, f in enumerate(filters):
             r = len(f.F)
             F[k, i, :r, :r], H[k, i, :, :r], Q[k, i, :r, :r] = f.F, f.H, f.Q
-            start[i, :r] = np.maximum(start[i, :r], f.start)
-            limit[i, :r] = np.maximum(limit[i, :r], _LOST * f.start)
+            start[k, i, :r], limit[k, i, :r] = f.start, _LOST * f.start
             if f.P is None:
                 continue
             S = f.H @ f.P @ f.H.T + f.R
@@ -203,6 +202,6 @@ def _stack(cells: tuple[tuple[RecursiveFilter, ...], ...], tolerance: float) -> 
             K[k, i, :r] = linalg.cho_solve((L, True), f.H @ f.P).T
             whitener[k, i] = linalg.solve_triangular(L, np.eye(m), lower=True)
             log_det[k, i] = 2.0 * np.sum(np.log(np.diag(L)))
-            limit[i, :r] = np.maximum(limit[i, :r], _LOST * np.diag(f.P))
+            limit[k, i, :r] = np.maximum(limit[k, i, :r], _LOST * np.diag(f.P))
     R = cells[0][0].R
     return Design(F, H, Q, R, start, limit, steady, P, PH, scale, K, whitener, log_det, tolerance)

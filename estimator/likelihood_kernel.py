@@ -34,7 +34,7 @@ Mask = NDArray[np.bool_]
 class Design(NamedTuple):
     """What `likelihood_step` reads.
 
-    `F` (c, n, s, s), `H` (c, n, m, s), `Q` (c, n, s, s), `R` (m, m), `start` and `limit` (n, s) variances;
+    `F` (c, n, s, s), `H` (c, n, m, s), `Q` (c, n, s, s), `R` (m, m), `start` and `limit` (c, n, s) variances;
     where `steady` (c, n) also the steady `P` (c, n, s, s), `PH` P H' and `K` (c, n, s, m), `whitener` L^-1
     (c, n, m, m) and `log_det` S (c, n). A filter is taken for steady when log det S is within `tolerance` of
     that, and each entry of P H' within `tolerance` times its `scale` (c, n, s, m), the standard deviations.
@@ -240,12 +240,12 @@ def _lost(P: Array, limit: Array) -> bool:  # pragma: no cover - compiled
 
 
 @njit(cache=True, error_model="numpy")
-def _restart(design: Design, memory: Memory, i: int) -> None:  # pragma: no cover - compiled
+def _restart(design: Design, memory: Memory, c: int, i: int) -> None:  # pragma: no cover - compiled
     """Let filter `i` know nothing."""
     memory.x[i] = 0.0
     memory.P[i] = 0.0
     for j in range(memory.x.shape[1]):
-        memory.P[i, j, j] = design.start[i, j]
+        memory.P[i, j, j] = design.start[c, i, j]
     memory.moving[i] = True
 
 
@@ -259,8 +259,8 @@ def _move(  # pragma: no cover - compiled
         memory.moving[i] = True
     P, K = memory.P[i], memory.K[i]
     H = design.H[c, i]
-    if _lost(P, design.limit[i]):
-        _restart(design, memory, i)
+    if _lost(P, design.limit[c, i]):
+        _restart(design, memory, c, i)
     memory.log_det[i] = _gain(P, H, design.R, usable, work.PH, work.S, K, memory.whitener[i])
     if complete and design.steady[c, i] and _reached(design, c, i, work.PH, memory.log_det[i]):
         _enter_steady(design, memory, c, i)

@@ -69,7 +69,7 @@ class RegionHypothesis:
         if self.region not in REGIONS or not (0.0 <= self.towards_peak <= 1.0 and self.multiple > 0.0):
             raise ValueError(
                 f"hypothesis {self.name}: got region {self.region!r}, towards_peak = {self.towards_peak:g} "
-                f"and multiple = {self.multiple:g}, expected one of {', '.join(REGIONS)}, 0 to 1 and more than 0"
+                f"and multiple = {self.multiple:g}, expected one of {', '.join(REGIONS)}, 0 to 1 and > 0"
             )
 
     def creep(self, curve: CreepCurve) -> float:
