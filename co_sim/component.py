@@ -133,6 +133,9 @@ class Component(ABC):
     #: Name in the system, which the master sets before `start`.
     instance_name: str = ""
 
+    #: End of the run, s, where it is known that none goes beyond it; the master sets it before `start`.
+    stop_time: float | None = None
+
     #: Whether `u` carries the value of an extrapolated input at the end of the step instead of its mean, as
     #: suits a component without memory. Without effect where derivatives are taken.
     takes_end_values: bool = False

@@ -66,6 +66,8 @@ class Master:
     t0 : start time, s.
     h : communication step, s, instead of the system's own.
     observers : see the signals of each `run`, in this order; a `step` of its own is not observed.
+    stop_time : s, if it is known that no run goes beyond it. FMUs are told, and most refuse to be stepped
+        further: leave it out if you do not know how many runs there will be.
     quiet : do not warn of signals that still grow at the end of a run.
     compiled : make steps without the interpreter; ``False`` makes the same steps in Python, for debugging.
     table : makes the rows from their history and the number of signals; for those who share them.
@@ -73,7 +75,8 @@ class Master:
     Raises
     ------
     InputError
-        If the system has faults (all are told) or `t0` is not finite.
+        If the system has faults (all are told), `t0` is not finite, or the step does not divide the time to
+        `stop_time`.
     """
 
     def __init__(
@@ -83,6 +86,7 @@ class Master:
         h: float | None = None,
         observers: Sequence[Observer] = (),
         *,
+        stop_time: float | None = None,
         compiled: bool = True,
         quiet: bool = False,
         table: Callable[[int, int], Table] = Table,
@@ -100,6 +104,7 @@ class Master:
         self.observers = tuple(observers)
         self.signals = system.signals
         self._looped = looped_components(system)
+        self._last_step = last_step(t0, stop_time, self.h)
         self._compiled = compiled
         self._quiet = quiet
         self._layout = lay_out(system)
@@ -111,6 +116,7 @@ class Master:
         self._resources = ExitStack()
         for name, component in system.components.items():
             component.instance_name = name
+            component.stop_time = self._stop_time
             self._resources.callback(self._close_component, name, component)
 
     @property
@@ -134,6 +140,13 @@ class Master:
     def table(self) -> Table:
         """The rows and the progress."""
         return self._table
+
+    @property
+    def _stop_time(self) -> float | None:
+        """The stop time that components are told: not before the end of the last step as they reckon it."""
+        if self._last_step is None:
+            return None
+        return max(self.t0 + self._last_step * self.h, self.t0 + (self._last_step - 1) * self.h + self.h)
 
     @property
     def _rows(self) -> Matrix:
@@ -194,6 +207,7 @@ class Master:
         RunError
             If a component fails or an output is not finite. The components are then closed.
         """
+        require_within(self.k + 1, self._last_step, self.h)
         self.start()
         with self._closed_on_error():
             self._advance(1)
@@ -212,7 +226,8 @@ class Master:
         Raises
         ------
         InputError
-            If the step does not divide `duration`, an observer refuses, or the values do not settle.
+            If the step does not divide `duration`, the run would go beyond the stop time, an observer
+            refuses, or the values do not settle.
         RunError
             If a component fails, an output is not finite, or a signal grows beyond all bounds.
 
@@ -224,6 +239,7 @@ class Master:
         if (duration is None) == (n_steps is None):
             raise TypeError("give either duration or n_steps")
         count = checked_count(n_steps) if duration is None else step_count(duration, self.h)
+        require_within(self.k + count, self._last_step, self.h)
         with self._closed_on_error(), ExitStack() as ends:
             for observer in self.observers:
                 observer.begin(self.signals, self.time, self.h, count)
@@ -504,6 +520,36 @@ def step_count(duration: float, h: float) -> int:
             remedy=f"use {count * h:.12g} s, or another step",
         )
     return count
+
+
+def last_step(t0: float, stop_time: float | None, h: float) -> int | None:
+    """Return the step that ends at the stop time; ``None`` without one. Times in s.
+
+    Raises
+    ------
+    InputError
+        If the step does not divide the time from `t0`, or that is negative.
+    """
+    if stop_time is None:
+        return None
+    duration = stop_time - t0
+    if not math.isfinite(duration):
+        return step_count(duration, h)
+    # Times far from zero have fewer digits than their difference needs.
+    count = round(duration / h)
+    rounding = 4.0 * math.ulp(max(abs(t0), abs(stop_time)))
+    return step_count(count * h if abs(count * h - duration) <= rounding else duration, h)
+
+
+def require_within(end: int, last: int | None, h: float) -> None:
+    """Raise `InputError` if a run to step `end` goes beyond the `last` one; steps of `h` (s)."""
+    if last is not None and end > last:
+        raise InputError(
+            "duration",
+            got=f"a run to {end * h:g} s after the start",
+            expected=f"at most the {last * h:g} s to the stop time, beyond which FMUs refuse to go",
+            remedy="shorten it, or leave stop_time out",
+        )
 
 
 def longest_block(observers: Sequence[Observer]) -> int:

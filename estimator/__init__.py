@@ -4,28 +4,38 @@ This package knows neither FMI nor the co-simulation master.
 """
 
 from estimator.bank import FilterBank
+from estimator.coloured import Disturbances, SensorBias, coloured_filter, coloured_model
 from estimator.contact import CreepCurve
 from estimator.fuzzy import FuzzySystem, identification_system
 from estimator.identifier import Identification, Identifier
 from estimator.kalman import LinearFilter, design_filter
+from estimator.likelihood import Evidence, LikelihoodBank
 from estimator.linear_models import OperatingPoint, filter_model, operating_points, wheelset_model
 from estimator.log import Log
+from estimator.sensor_noise import SensorNoise
 from estimator.track_spectrum import ERRI_B176, TrackSpectrum
 from estimator.tuning import NoiseModel, Tuning, tune
 
 __all__ = [
     "ERRI_B176",
     "CreepCurve",
+    "Disturbances",
+    "Evidence",
     "FilterBank",
     "FuzzySystem",
     "Identification",
     "Identifier",
+    "LikelihoodBank",
     "LinearFilter",
     "Log",
     "NoiseModel",
     "OperatingPoint",
+    "SensorBias",
+    "SensorNoise",
     "TrackSpectrum",
     "Tuning",
+    "coloured_filter",
+    "coloured_model",
     "design_filter",
     "filter_model",
     "identification_system",

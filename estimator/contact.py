@@ -16,10 +16,13 @@ from scipy.optimize import brentq
 
 from fmu_wheelset.parameters import ContactPatch, RailCondition
 
-__all__ = ["CreepCurve"]
+__all__ = ["KNEE_SLOPE", "CreepCurve"]
 
 Array = NDArray[np.float64]
 
+#: The linear region of a curve ends at the knee, where the tangent has fallen to this part of the initial
+#: slope.
+KNEE_SLOPE = 0.15
 # Creep range in which the maximum is looked for: from far inside the linear region to a spinning wheel.
 _CREEP_RANGE = (1e-6, 1.0)
 
@@ -122,6 +125,12 @@ class CreepCurve:
                 f"expected one inside; friction does not fall with slip speed here, so choose a higher speed"
             )
         return float(brentq(self.tangent, grid[best - 1], grid[best + 1], xtol=1e-15, rtol=1e-14))
+
+    @cached_property
+    def knee_creep(self) -> float:
+        """Creepage at which the tangent has fallen to `KNEE_SLOPE` of the initial slope."""
+        wanted = KNEE_SLOPE * self.initial_slope
+        return float(brentq(lambda creep: float(self.tangent(creep)) - wanted, 0.0, self.peak_creep))
 
     @cached_property
     def peak_adhesion(self) -> float:

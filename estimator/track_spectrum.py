@@ -60,6 +60,17 @@ class TrackSpectrum:
         """
         return math.pi * self.A * v
 
+    def shaping_gain(self, v: float) -> float:
+        """Return the gain (m/s^1.5) of the shaping filter at speed `v` (m/s).
+
+        White noise of unit two-sided intensity times ``gain/((s + Wr v)(s + Wc v))`` has this spectrum.
+        """
+        return math.sqrt(math.pi * self.A * v**3) * self.Omega_c
+
+    def rate_variance(self, v: float) -> float:
+        """Return the variance (m^2/s^2) of the offset's rate at speed `v` (m/s)."""
+        return math.pi * self.A * (v * self.Omega_c) ** 2 / (2.0 * (self.Omega_c + self.Omega_r))
+
 
 #: Reference spectra of ERRI B176 by class.
 ERRI_B176: Mapping[str, TrackSpectrum] = MappingProxyType(

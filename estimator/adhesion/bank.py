@@ -1,0 +1,292 @@
+"""The adhesion bank: filters for rail conditions, run over a log or sample by sample."""
+
+from __future__ import annotations
+
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.adhesion.block import N_TOLD, Design, Memory, new_memory, run_filter
+from estimator.adhesion.creep_law import creep_scale, patch_row, rail_row
+from estimator.adhesion.curves import REGIONS, curves_of
+from estimator.adhesion.ekf import Noise, Track
+from estimator.adhesion.evidence import Belief, Judgement, Rules
+from estimator.adhesion.hypotheses import Hypothesis, with_torque, without_torque
+from estimator.adhesion.motion import Vehicle
+from estimator.adhesion.online import bank_step, judge_blocks, new_judgement, new_work, rate_of
+from estimator.adhesion.result import AdhesionIdentification
+from estimator.adhesion.start import Prior
+from estimator.sensor_noise import SensorNoise
+from estimator.track_spectrum import ERRI_B176
+from fmu_wheelset.parameters import CONDITIONS, WheelsetParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from estimator.log import Log
+    from estimator.track_spectrum import TrackSpectrum
+    from fmu_wheelset.parameters import RailCondition
+
+__all__ = ["AdhesionBank"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: Length of a block, s: how often evidence is weighed.
+BLOCK = 0.01
+#: Speed below which the creepages are divided by it instead, m/s.
+_SLOWEST = 0.5
+_BOTH = np.ones(2, dtype=np.bool_)
+
+
+class AdhesionBank:
+    """Extended Kalman filters with the nonlinear creep law, one for each hypothesis, and what they say.
+
+    Parameters
+    ----------
+    wheelset : parameters of the wheelset.
+    conditions : rail conditions by name, in the order of the results.
+    noise : of the sensors at the step `h`. track : spectrum of the track's alignment.
+    h : step of the samples, s.
+    hypotheses : what is held possible; None: `with_torque` and, for logs without it, `without_torque`.
+    window : length of the moving window of evidence, s; None: recursive evidence, in which another
+        hypothesis may take over at any time, once in `dwell` s on average.
+    dwell : mean time for which a hypothesis holds, s.
+    friction : standard deviation of the friction's logarithm within a condition.
+    bias : standard deviations of the offsets of gyro (rad/s) and accelerometer (m/s2); 0: none.
+    """
+
+    def __init__(
+        self,
+        wheelset: WheelsetParameters | None = None,
+        conditions: Mapping[str, RailCondition] = CONDITIONS,
+        noise: SensorNoise | None = None,
+        track: TrackSpectrum = ERRI_B176["erri_low"],
+        h: float = 1e-3,
+        *,
+        hypotheses: Sequence[Hypothesis] | None = None,
+        window: float | None = None,
+        dwell: float = 20.0,
+        friction: float = 0.05,
+        bias: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        if not (math.isfinite(h) and h > 0.0):
+            raise ValueError(f"adhesion bank: got a step of {h!r} s, expected a finite value > 0 s")
+        self.wheelset = wheelset or WheelsetParameters()
+        self.conditions = dict(conditions)
+        self.noise = noise or SensorNoise()
+        self.track = track
+        self.h = h
+        self.window, self.dwell, self.friction, self.bias = window, dwell, friction, bias
+        self._hypotheses = None if hypotheses is None else tuple(hypotheses)
+        self._curves = curves_of(list(self.conditions.values()), self.wheelset)
+        self.block = max(round(BLOCK / h), 1)
+        self.reset()
+
+    def hypotheses(self, *, torque_known: bool = True) -> tuple[Hypothesis, ...]:
+        """Return what is held possible, in the order of the results."""
+        if self._hypotheses is not None:
+            return self._hypotheses
+        return with_torque(self.conditions) if torque_known else without_torque(self.conditions)
+
+    def run(self, log: Log, *, every: float = BLOCK, workers: int | None = None) -> AdhesionIdentification:
+        """Identify over a log.
+
+        Parameters
+        ----------
+        log : the samples; its step must be that of the bank.
+        every : time between rows of the result, s; a multiple of the block of 10 ms.
+        workers : threads that share the filters; None: as many as there are processors.
+        """
+        if abs(log.h - self.h) > 1e-6 * self.h:
+            raise ValueError(
+                f"adhesion bank: got a log with a step of {log.h:.9g} s, expected {self.h:.9g} s; "
+                f"make the bank for the step of the log"
+            )
+        if len(log) < self.block:
+            raise ValueError(
+                f"adhesion bank: got {len(log)} samples, expected at least {self.block}; "
+                f"that is one block of {self.block * self.h:g} s"
+            )
+        hypotheses = self.hypotheses(torque_known=log.traction_torque is not None)
+        told = self.filter_blocks(log, hypotheses, workers=workers)
+        said = self.judge_blocks(told, log, hypotheses)
+        return self._result(log, said, hypotheses, max(round(every / (self.block * self.h)), 1))
+
+    def filter_blocks(
+        self, log: Log, hypotheses: Sequence[Hypothesis], *, workers: int | None = None
+    ) -> Array:
+        """Return what the filters tell of each block of a log, (blocks, n, 13); see `block.py`."""
+        n, design = len(hypotheses), self.design(hypotheses)
+        torque = np.full(len(log), np.nan) if log.traction_torque is None else log.traction_torque
+        memory = new_memory(n)
+        v_dot = rate_of(log.speed, self.h, memory.speed, True)
+        speed, z, usable = np.abs(log.speed), log.measurements, cast("Flags", log.usable)
+        told = np.empty((len(log) // self.block, n, N_TOLD))
+
+        def run(i: int) -> None:
+            run_filter(design, memory, i, speed, v_dot, torque, z, usable, new_work(n).filter, told)
+
+        with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+            list(pool.map(run, range(n)))
+        return told
+
+    def judge_blocks(self, told: Array, log: Log, hypotheses: Sequence[Hypothesis]) -> Judgement:
+        """Return what follows from what the filters of these hypotheses told of each block."""
+        rules = self.rules(hypotheses)
+        said = new_judgement(len(told), len(hypotheses), len(self.conditions))
+        speed = np.abs(log.speed)[self.block - 1 :: self.block]
+        judge_blocks(rules, self.new_belief(rules), told, speed, new_work(len(hypotheses)), said)
+        return said
+
+    def reset(self, *, torque_known: bool = True) -> None:
+        """Forget all samples; `torque_known` chooses the hypotheses of the steps to come."""
+        chosen = self.hypotheses(torque_known=torque_known)
+        n = len(chosen)
+        self._design, self._rules = self.design(chosen), self.rules(chosen)
+        self._memory, self._belief = new_memory(n), self.new_belief(self._rules)
+        self._work, self._k = new_work(n), 0
+
+    @property
+    def state(self) -> tuple[Memory, Belief]:
+        """What `step` keeps besides `samples`: nested tuples of arrays, to be copied or written into."""
+        return self._memory, self._belief
+
+    @property
+    def samples(self) -> int:
+        """Samples taken since `reset`."""
+        return self._k
+
+    @samples.setter
+    def samples(self, k: int) -> None:
+        self._k = k
+
+    def step(self, z: Array, speed: float, torque: float, said: Judgement, usable: Flags = _BOTH) -> bool:
+        """Take one sample after `reset`; see `bank_step`, which a loop in machine code calls itself.
+
+        Parameters
+        ----------
+        z : (2,) yaw rate and lateral acceleration. speed : m/s. torque : N m, NaN if not known.
+        said : `new_judgement` of one row, written when a block ends.
+        usable : (2,) which of the two may be used.
+
+        Returns
+        -------
+        Whether a block has ended.
+        """
+        k, self._k = self._k, self._k + 1
+        return bool(
+            bank_step(
+                self._design,
+                self._rules,
+                self._memory,
+                self._belief,
+                self._work,
+                k,
+                z,
+                usable,
+                speed,
+                torque,
+                said,
+            )
+        )
+
+    def design(self, hypotheses: Sequence[Hypothesis]) -> Design:
+        """Return what the filters read."""
+        w, track, noise = self.wheelset, self.track, self.noise
+        patch = patch_row(w.patch, w.N)
+        rows = {name: rail_row(condition) for name, condition in self.conditions.items()}
+        names = list(self.conditions)
+        car = Vehicle(
+            patch=patch, m=w.m_w, I_z=w.I_w, L_g=w.L_g, cone=w.gamma / w.r0,
+            r_L=w.r0 + 0.5 * w.delta_r, r_R=w.r0 - 0.5 * w.delta_r, I_L=w.I_L, I_R=w.I_R,
+            k_s=w.k_s, c_s=w.c_s, k_psi=w.k_w - 2.0 * w.N * w.contact_angle * w.L_g, c_psi=w.c_w,
+            k_y=w.k_y, c_y=w.c_y, k_rel=2.0 * w.N * w.contact_angle_rate, v_min=_SLOWEST,
+        )  # fmt: skip
+        decay = 0.1
+        return Design(
+            car=car,
+            track=Track(track.Omega_c, track.Omega_r, math.pi * track.A * track.Omega_c**2),
+            noise=Noise(
+                R_yaw=noise.yaw_rate**2,
+                R_acc=noise.lateral_acceleration**2,
+                R_torque=500.0**2,
+                W_u=1e-8,
+                W_r=1e-8,
+                W_torque=1.0,
+                s_decay=decay,
+                W_s=2.0 * decay * self.friction**2,
+                W_bg=1e-3 * self.bias[0] ** 2,
+                W_ba=1e-3 * self.bias[1] ** 2,
+            ),
+            prior=Prior(s=self.friction, b_g=self.bias[0], b_a=self.bias[1]),
+            curves=self._curves,
+            rails=np.array([[rows[side] for side in h.sides] for h in hypotheses]),
+            held=np.array([h.branch == "held" for h in hypotheses]),
+            creep=np.array([h.creep for h in hypotheses]),
+            W_creep=np.array(
+                [0.01 * (h.creep * 6.0 * creep_scale(rows[h.condition], patch)) ** 2 for h in hypotheses]
+            ),
+            curve=np.array([[names.index(side) for side in h.sides] for h in hypotheses], dtype=np.int64),
+            h=self.h,
+            block=self.block,
+            quiet=np.array([0.05, 1.4]),
+        )
+
+    def rules(self, hypotheses: Sequence[Hypothesis]) -> Rules:
+        """Return how the evidence is weighed."""
+        names = list(self.conditions)
+        block = self.block * self.h
+        weights = np.array([1.0 if h.branch == "driven" or h.creep <= 1.0 else 0.1 for h in hypotheses])
+        none = 0.01
+        prior = np.append((1.0 - none) * weights / weights.sum(), none)
+        return Rules(
+            curves=self._curves,
+            prior=prior,
+            change=-math.expm1(-block / self.dwell),
+            temper=0.7,
+            clip=5.0,
+            none=2.0,
+            window=0 if self.window is None else max(round(self.window / block), 1),
+            condition=np.array([names.index(h.condition) for h in hypotheses], dtype=np.int64),
+            curve=np.array([[names.index(side) for side in h.sides] for h in hypotheses], dtype=np.int64),
+            load=self.wheelset.N * 2.0 * self.wheelset.r0,
+            spread=0.03,
+            doubt=0.1,
+            width=math.log(1.6),
+            memory=block / 2.0,
+            s_weight=0.0 if self.friction == 0.0 else self.friction**-2,
+        )
+
+    def new_belief(self, rules: Rules) -> Belief:
+        """Return what is believed before the first block."""
+        n = len(rules.prior)
+        return Belief(
+            rules.prior.copy(), np.zeros((max(rules.window, 1), n)), np.zeros(n), np.zeros((n - 1, n - 1))
+        )
+
+    def _result(
+        self, log: Log, said: Judgement, hypotheses: Sequence[Hypothesis], stride: int
+    ) -> AdhesionIdentification:
+        """Return every `stride`-th row."""
+        take = slice(stride - 1, None, stride)
+        mu_used, mu_max, lower, upper = said.mu[take].T
+        return AdhesionIdentification(
+            time=log.time[self.block - 1 :: self.block][take],
+            p_region=said.p_region[take],
+            p_condition=said.p_condition[take],
+            p_hypothesis=said.p_hypothesis[take],
+            p_none=said.p_none[take],
+            mu_used=mu_used,
+            mu_max=mu_max,
+            mu_max_low=lower,
+            mu_max_high=upper,
+            identifiable=said.identifiable[take],
+            regions=REGIONS,
+            conditions=tuple(self.conditions),
+            hypotheses=tuple(h.name for h in hypotheses),
+        )

@@ -1,0 +1,168 @@
+"""A filter of the bank over blocks of samples: what it tells of each, and how it starts again when lost."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimator.adhesion.curves import landmarks
+from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE, Filter, filter_step
+from estimator.adhesion.motion import L_L, L_R, N_X, S, Vehicle, Y
+from estimator.adhesion.start import start_creep, start_filter
+
+if TYPE_CHECKING:
+    from estimator.adhesion.curves import Curves
+    from estimator.adhesion.ekf import Noise, Track
+    from estimator.adhesion.start import Prior
+
+__all__ = [
+    "N_TOLD",
+    "Design",
+    "Memory",
+    "begin_filter",
+    "end_block",
+    "new_memory",
+    "run_filter",
+    "take_sample",
+]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+#: What a block tells: sums of log-likelihood, squares and number; the last innovations, their variances and
+#: the torque; then creep, its variance, friction's logarithm, its variance, whether it was lost.
+CREEP, VAR_CREEP, FRICTION, VAR_FRICTION, LOST = range(8, 13)
+N_TOLD = 13
+#: A wheelset this far from the track is held back by its flanges, m: the filter is lost.
+_FAR = 0.01
+#: Greatest driving creep that a filter may believe in.
+_GREATEST_CREEP = 1.0
+
+
+class Design(NamedTuple):
+    """What the filters of a bank read; n filters.
+
+    `rails` (n, 2, 5), `held` (n,), `creep` (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2)
+    the places of both rails in `curves`; `h` step (s) and `block` its samples; `quiet` (2,) the share of a
+    block in the running mean of the normalised squares and its bound beyond which a filter is lost.
+    """
+
+    car: Vehicle
+    track: Track
+    noise: Noise
+    prior: Prior
+    curves: Curves
+    rails: Array
+    held: Flags
+    creep: Array
+    W_creep: Array
+    curve: Indices
+    h: float
+    block: int
+    quiet: Array
+
+
+class Memory(NamedTuple):
+    """What n filters keep from sample to sample.
+
+    `Filter` in stacks; what they have told of the block so far (n, 8); the running mean of the normalised
+    squares of their innovations (n,); the speed smoothed (1,).
+    """
+
+    filters: Filter
+    told: Array
+    squares: Array
+    speed: Array
+
+
+def new_memory(n: int) -> Memory:
+    """Return the memory of n filters before their start."""
+    shapes = ((N_X,), (N_X, N_X), (N_X,), (5,), (5, N_X), (7,))
+    filters = Filter(*(np.zeros((n, *shape)) for shape in shapes))
+    return Memory(filters, np.zeros((n, 8)), np.ones(n), np.zeros(1))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _one(filters: Filter, i: int) -> Filter:  # pragma: no cover - compiled
+    return Filter(
+        filters.x[i], filters.C[i], filters.x0[i], filters.f[i], filters.J[i], filters.over_track[i]
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin_filter(  # pragma: no cover - compiled
+    design: Design, memory: Memory, i: int, v: float, torque: float
+) -> None:
+    """Start filter `i` from its prior."""
+    v = max(v, design.car.v_min)
+    peak = math.exp(landmarks(design.curves, design.curve[i, 0], v, 0.0)[1])
+    peak = min(peak, math.exp(landmarks(design.curves, design.curve[i, 1], v, 0.0)[1]))
+    rails = design.rails[i]
+    creep = start_creep(design.car, rails, v, torque, peak, design.held[i], design.creep[i])
+    start_filter(
+        design.car,
+        design.track,
+        design.prior,
+        rails,
+        design.held[i],
+        v,
+        torque,
+        creep,
+        _one(memory.filters, i),
+    )
+    memory.squares[i] = 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def take_sample(  # pragma: no cover - compiled
+    design: Design, memory: Memory, i: int, first: bool,
+    v: float, v_dot: float, torque: float, z: Array, usable: Flags, work: Array,
+) -> None:  # fmt: skip
+    """Advance filter `i` by one sample."""
+    if first:
+        begin_filter(design, memory, i, v, torque)
+    filter_step(
+        design.car, design.track, design.noise, design.rails[i], design.held[i], design.W_creep[i], first,
+        design.h, v, v_dot, torque, z, usable, _one(memory.filters, i), work, memory.told[i],
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def end_block(  # pragma: no cover - compiled
+    design: Design, memory: Memory, i: int, v: float, torque: float, row: Array
+) -> None:
+    """Write what filter `i` tells of a block to row (13,); start it again if it is lost."""
+    told, kept = memory.told[i], _one(memory.filters, i)
+    x, C = kept.x, kept.C
+    for j in range(told.shape[0]):
+        row[j] = told[j]
+    row[CREEP] = 0.5 * abs(x[L_L] + x[L_R])
+    row[VAR_CREEP] = 0.25 * (C[L_L, L_L] + C[L_R, L_R] + 2.0 * C[L_L, L_R])
+    row[FRICTION], row[VAR_FRICTION] = x[S], C[S, S]
+    if told[COUNT] > 0.0:
+        memory.squares[i] += design.quiet[0] * (told[SQUARE] / told[COUNT] - memory.squares[i])
+    told[LOG_L], told[SQUARE], told[COUNT] = 0.0, 0.0, 0.0
+    sound = math.isfinite(row[LOG_L]) and row[CREEP] < _GREATEST_CREEP and abs(x[Y]) < _FAR
+    for j in range(N_X):
+        sound = sound and math.isfinite(x[j]) and C[j, j] >= 0.0
+    row[LOST] = 0.0
+    if not sound or memory.squares[i] > design.quiet[1]:
+        begin_filter(design, memory, i, v, torque)
+        row[LOST] = 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def run_filter(  # pragma: no cover - compiled
+    design: Design, memory: Memory, i: int,
+    v: Array, v_dot: Array, torque: Array, z: Array, usable: Flags, work: Array, rows: Array,
+) -> None:  # fmt: skip
+    """Run filter `i` over the samples z (T, 2); writes rows (T // block, n, 13)."""
+    for k in range(rows.shape[0] * design.block):
+        take_sample(design, memory, i, k == 0, v[k], v_dot[k], torque[k], z[k], usable[k], work)
+        if (k + 1) % design.block == 0:
+            end_block(design, memory, i, v[k], torque[k], rows[k // design.block, i])

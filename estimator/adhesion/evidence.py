@@ -1,0 +1,285 @@
+"""From what the filters tell of a block to probabilities, peak adhesion and whether to trust them."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimator.adhesion.block import CREEP, FRICTION, VAR_CREEP, VAR_FRICTION
+from estimator.adhesion.curves import PAST_PEAK, landmarks
+from estimator.adhesion.ekf import COUNT, E_ACC, E_YAW, LOG_L, ON_WHEELS, S_ACC, S_YAW, SQUARE
+
+if TYPE_CHECKING:
+    from estimator.adhesion.curves import Curves
+
+__all__ = ["Belief", "Judgement", "Rules", "judge"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class Rules(NamedTuple):
+    """How evidence is weighed; n hypotheses, c conditions, "none of these" comes last.
+
+    `prior` (n + 1,). `change` probability that a block begins with another hypothesis. `temper` multiplies
+    log-likelihoods. `clip` greatest log-likelihood ratio that one block may add. `none` variance of the
+    innovations over what the filters expect, if none of them is right. `window` blocks of the moving
+    window, 0 for recursive evidence. `condition` (n,) condition of each hypothesis. `curve` (n, 2).
+    `load` normal load times radius on both wheels, N m. `spread` standard deviation of the peak's logarithm
+    that the model leaves. `doubt` greatest bound on the error of the condition and `width` greatest
+    logarithm of upper over lower bound of the peak adhesion for which the result is trusted. `memory`
+    share of a block in the running sum of the information.
+    """
+
+    curves: Curves
+    prior: Array
+    change: float
+    temper: float
+    clip: float
+    none: float
+    window: int
+    condition: Indices
+    curve: Indices
+    load: float
+    spread: float
+    doubt: float
+    width: float
+    memory: float
+    s_weight: float
+
+
+class Belief(NamedTuple):
+    """What is kept from block to block.
+
+    `p` (n + 1,) probabilities, `history` (window, n + 1) log-likelihoods with their sums (n + 1,),
+    `information` (n, n) running divergences in nats.
+    """
+
+    p: Array
+    history: Array
+    total: Array
+    information: Array
+
+
+class Judgement(NamedTuple):
+    """What is said of blocks, (rows, ...); see `AdhesionIdentification`."""
+
+    p_region: Array
+    p_condition: Array
+    p_hypothesis: Array
+    p_none: Array
+    mu: Array
+    identifiable: NDArray[np.bool_]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _normal(x: float) -> float:  # pragma: no cover - compiled
+    return 0.5 * math.erfc(-x / math.sqrt(2.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _likelihoods(rules: Rules, belief: Belief, told: Array, log_l: Array) -> None:  # pragma: no cover
+    """Write the tempered log-likelihoods of a block, less the greatest, (n + 1,)."""
+    n = told.shape[0]
+    best = -math.inf
+    for i in range(n):
+        best = max(best, told[i, LOG_L])
+    # None of these: a mixture of the filters with wider innovations.
+    known, mixed = 0.0, 0.0
+    for i in range(n):
+        known += belief.p[i]
+    for i in range(n):
+        wider = 0.5 * (told[i, SQUARE] * (1.0 - 1.0 / rules.none) - told[i, COUNT] * math.log(rules.none))
+        share = belief.p[i] / known if known > 0.0 else 1.0 / n
+        mixed += share * math.exp(min(max(told[i, LOG_L] - best + wider, -500.0), 500.0))
+    for i in range(n):
+        log_l[i] = rules.temper * max(told[i, LOG_L] - best, -rules.clip)
+    other = math.log(mixed) if mixed > 0.0 else -rules.clip
+    log_l[n] = rules.temper * min(max(other, -rules.clip), rules.clip)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _update(rules: Rules, belief: Belief, k: int, log_l: Array) -> None:  # pragma: no cover - compiled
+    """Take the log-likelihoods of block k into the probabilities."""
+    n = log_l.shape[0]
+    highest, total = -math.inf, 0.0
+    if rules.window > 0:
+        row = belief.history[k % rules.window]
+        for i in range(n):
+            belief.total[i] += log_l[i] - row[i]
+            row[i] = log_l[i]
+        if k % rules.window == rules.window - 1:  # rounding does not pile up
+            for i in range(n):
+                belief.total[i] = 0.0
+                for j in range(rules.window):
+                    belief.total[i] += belief.history[j, i]
+        for i in range(n):
+            belief.p[i] = math.log(rules.prior[i]) + belief.total[i]
+    else:
+        for i in range(n):
+            expected = (1.0 - rules.change) * belief.p[i] + rules.change * rules.prior[i]
+            belief.p[i] = math.log(expected) + log_l[i]
+    for i in range(n):
+        highest = max(highest, belief.p[i])
+    for i in range(n):
+        belief.p[i] = math.exp(belief.p[i] - highest)
+        total += belief.p[i]
+    for i in range(n):
+        belief.p[i] /= total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _outlook(rules: Rules, belief: Belief, told: Array, p: Array) -> None:  # pragma: no cover - compiled
+    """Write the probabilities (n,) of the hypotheses, weighed by how far their friction is from its prior.
+
+    A filter whose friction has gone to that of another condition explains the data as well as that one. It
+    has paid for it when it went there, but forgotten evidence is no longer paid for.
+    """
+    n, total = p.shape[0], 0.0
+    for i in range(n):
+        s = told[i, FRICTION]
+        p[i] = belief.p[i] * math.exp(-0.5 * s * s * rules.s_weight)
+        total += p[i]
+    left = 1.0 - belief.p[n]
+    for i in range(n):
+        p[i] *= left / total if total > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _divergence(told: Array, i: int, j: int) -> float:  # pragma: no cover - compiled
+    """Return the divergence of the last sample's prediction by filter j from that by i, nats a sample."""
+    total = 0.0
+    for e, s in ((E_YAW, S_YAW), (E_ACC, S_ACC)):
+        if told[i, s] > 0.0 and told[j, s] > 0.0:
+            ratio = told[i, s] / told[j, s]
+            apart = told[i, e] - told[j, e]
+            total += 0.5 * (ratio - 1.0 - math.log(ratio) + apart * apart / told[j, s])
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _learn(rules: Rules, belief: Belief, told: Array) -> None:  # pragma: no cover - compiled
+    """Take the divergences between all filters into their running sums."""
+    n = told.shape[0]
+    for i in range(n):
+        for j in range(n):
+            gained = min(told[i, COUNT] * 0.5 * _divergence(told, i, j), rules.clip)
+            belief.information[i, j] += gained - rules.memory * belief.information[i, j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _doubt(rules: Rules, belief: Belief, best: int) -> float:  # pragma: no cover - compiled
+    """Return the sum of the Chernoff bounds on taking another condition for that of the best filter.
+
+    Between two equal spreads Chernoff's information is a quarter of the divergence.
+    """
+    total = 0.0
+    for j in range(rules.condition.shape[0]):
+        if rules.condition[j] != rules.condition[best]:
+            information = min(belief.information[best, j], belief.information[j, best])
+            total += 0.5 * math.exp(-0.25 * rules.temper * information)
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _peaks(rules: Rules, told: Array, v: float, peaks: Array) -> None:  # pragma: no cover - compiled
+    """Write mean and deviation of the logarithm of each filter's peak adhesion, (n, 2)."""
+    for i in range(told.shape[0]):
+        s, step = told[i, FRICTION], 0.1
+        mean, slope = 0.0, 0.0
+        for side in range(2):
+            at = landmarks(rules.curves, rules.curve[i, side], v, s)[0]
+            mean += 0.5 * math.exp(at)
+            slope += 0.5 * (landmarks(rules.curves, rules.curve[i, side], v, s + step)[0] - at) / step
+        peaks[i, 0] = math.log(mean)
+        peaks[i, 1] = math.sqrt(slope * slope * max(told[i, VAR_FRICTION], 0.0) + rules.spread**2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _quantile(p: Array, peaks: Array, level: float) -> float:  # pragma: no cover - compiled
+    """Return a quantile of the mixture of log-normal peaks with the weights p (n,), by bisection."""
+    n = peaks.shape[0]
+    lower, upper, known = math.inf, -math.inf, 0.0
+    for i in range(n):
+        lower = min(lower, peaks[i, 0] - 6.0 * peaks[i, 1])
+        upper = max(upper, peaks[i, 0] + 6.0 * peaks[i, 1])
+        known += p[i]
+    for _ in range(24):
+        middle, below = 0.5 * (lower + upper), 0.0
+        for i in range(n):
+            if p[i] > 1e-9 * known:
+                below += p[i] * _normal((middle - peaks[i, 0]) / peaks[i, 1])
+        if below < level * known:
+            lower = middle
+        else:
+            upper = middle
+    return math.exp(0.5 * (lower + upper))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _regions(rules: Rules, told: Array, v: float, p: Array, out: Array) -> None:  # pragma: no cover
+    """Write the probabilities of the regions (3,), from the creep that each filter believes in."""
+    out[:] = 0.0
+    total = 0.0
+    for i in range(told.shape[0]):
+        peak, knee = math.inf, math.inf
+        for side in range(2):
+            _, at_peak, at_knee = landmarks(rules.curves, rules.curve[i, side], v, told[i, FRICTION])
+            peak, knee = min(peak, at_peak), min(knee, at_knee)
+        sd = math.sqrt(max(told[i, VAR_CREEP], 1e-16))
+        below_knee = _normal((math.exp(knee) - told[i, CREEP]) / sd)
+        below_peak = _normal((PAST_PEAK * math.exp(peak) - told[i, CREEP]) / sd)
+        out[0] += p[i] * below_knee
+        out[1] += p[i] * max(below_peak - below_knee, 0.0)
+        out[2] += p[i] * (1.0 - below_peak)
+        total += p[i]
+    for j in range(3):
+        out[j] /= total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def judge(  # pragma: no cover - compiled
+    rules: Rules,
+    belief: Belief,
+    k: int,
+    told: Array,
+    v: float,
+    log_l: Array,
+    peaks: Array,
+    said: Judgement,
+    row: int,
+) -> None:
+    """Take block k, told (n, 13), into the belief; write row k of what is said.
+
+    log_l (n + 1,) and peaks (n, 2) are work space.
+    """
+    n = told.shape[0]
+    _likelihoods(rules, belief, told, log_l)
+    _update(rules, belief, k, log_l)
+    _learn(rules, belief, told)
+    p = said.p_hypothesis[row]
+    _outlook(rules, belief, told, p)
+    best, known, used = 0, 0.0, 0.0
+    said.p_condition[row, :] = 0.0
+    for i in range(n):
+        if p[i] > p[best]:
+            best = i
+        known += p[i]
+    known = max(known, 1e-300)
+    for i in range(n):
+        said.p_condition[row, rules.condition[i]] += p[i] / known
+        used += p[i] * told[i, ON_WHEELS] / (known * rules.load)
+    said.p_none[row] = belief.p[n]
+    none = belief.p[n]
+    _regions(rules, told, v, p, said.p_region[row])
+    _peaks(rules, told, v, peaks)
+    mu = said.mu[row]
+    mu[0] = used
+    for j, level in ((1, 0.5), (2, 0.05), (3, 0.95)):
+        mu[j] = max(_quantile(p, peaks, level), abs(used))
+    certain = _doubt(rules, belief, best) <= rules.doubt and math.log(mu[3] / mu[2]) <= rules.width
+    said.identifiable[row] = certain and none < 0.5

@@ -1,0 +1,77 @@
+"""What the bank holds possible: a rail condition and what decides the creep on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from fmu_wheelset.parameters import CONDITIONS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = ["Hypothesis", "with_torque", "without_torque"]
+
+#: Creeps over that of the peak with which filters start where nothing tells the creep.
+_CREEPS = (0.05, 0.3, 1.0, 1.7)
+#: The same past the peak, where the torque is known but no creep past the peak balances it.
+_PAST = 1.7
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A rail condition and what decides the creep on it.
+
+    Parameters
+    ----------
+    condition : name of the condition, under both wheels or under the left one.
+    branch : ``"driven"``: torque and inertia of the wheels decide the creep, on the stable branch and, when
+        the torque asks for more than the rail can give, past the peak. ``"held"``: something else does, a
+        slip controller or a test rig; the creep is a slow random walk, and a known torque tells its force.
+    creep : of a held creep, where it starts, over the creep of the peak. Past 1 with a known torque: where
+        the falling branch balances it.
+    right : condition under the right wheel; None: the same.
+    """
+
+    condition: str
+    branch: Literal["driven", "held"] = "driven"
+    creep: float = 0.0
+    right: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.branch not in {"driven", "held"}:
+            raise ValueError(
+                f"hypothesis: got the branch {self.branch!r}, expected 'driven' or 'held'; "
+                f"a creep that follows the torque is 'driven'"
+            )
+        if not (math.isfinite(self.creep) and self.creep >= 0.0):
+            raise ValueError(
+                f"hypothesis: got a creep of {self.creep!r} times that of the peak, expected a finite "
+                f"number >= 0; 1 is the peak"
+            )
+
+    @property
+    def sides(self) -> tuple[str, str]:
+        """Conditions under the left and the right wheel."""
+        return self.condition, self.right or self.condition
+
+    @property
+    def name(self) -> str:
+        """Name in results."""
+        where = "/".join(dict.fromkeys(self.sides))
+        return f"{where} driven" if self.branch == "driven" else f"{where} held at {self.creep:g}"
+
+
+def with_torque(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...]:
+    """Return the usual hypotheses where the torque is known: driven, and held past the peak."""
+    return tuple(
+        hypothesis
+        for name in conditions
+        for hypothesis in (Hypothesis(name), Hypothesis(name, "held", _PAST))
+    )
+
+
+def without_torque(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...]:
+    """Return the usual hypotheses where the torque is not known: creeps from rolling to past the peak."""
+    return tuple(Hypothesis(name, "held", creep) for name in conditions for creep in _CREEPS)
