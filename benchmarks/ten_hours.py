@@ -4,7 +4,7 @@
 
 A recording of 100 s of the wheelset FMU at P1 (dry rail, 20 m/s) again and again, with a second without
 samples at each joint. Four filters look at it: P1 with biases of the sensors; the peak, which has no steady
-state (its slope is zero, nothing excites its undamped yaw mode, its covariance moves for ever); one next to the
+state (its slope is zero, nothing excites its yaw mode, its covariance moves for ever); one next to the
 peak that hardly sees where the wheelset is; and an unstable one. For each hour:
 
 * nis: normalised innovations squared for each measurement, 1 for a filter whose model holds (P1's alone),
