@@ -136,7 +136,8 @@ def information_summary(found: Limits, confirmations: Sequence[Confirmation]) ->
     if confirmations:
         sentences.append(
             f"The limits were held against decisions on runs of the plant: for {inside} of "
-            f"{len(confirmations)} pairs of rails the counted errors lie between the bounds."
+            f"{len(confirmations)} pairs of rails the counted errors, within their 95 % interval, lie "
+            "between the bounds."
         )
     return sentences
 
