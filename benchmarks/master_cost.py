@@ -43,8 +43,8 @@ CASES: tuple[Callable[[Path], Case], ...] = (
 )
 #: Steps after which trajectories are compared.
 CHECKED = 2000
-#: A fast master runs again and again for so long in each round, s; its fastest run counts.
-TURN = 0.2
+#: The floor and the compiled loop of this package, the first ones of all.
+_N_OWN = 2
 
 
 @dataclass
@@ -97,21 +97,19 @@ def entries() -> list[Entry]:
     ]
 
 
-def run_case(case: Case, steps: int, rounds: int, console: Console) -> list[Entry]:
-    """Time all masters on a case."""
-    contenders = entries()
+def run_case(case: Case, contenders: list[Entry], options: argparse.Namespace, console: Console) -> None:
+    """Time masters on a case, the floor first."""
     try:
         reference = _open(contenders[0], case)
         for entry in contenders[1:]:
             _compare(entry, case, reference)
-        for _ in track(range(rounds), case.title, console=console, transient=True):
+        for _ in track(range(options.rounds), case.title, console=console, transient=True):
             for entry in contenders:
-                _time(entry, contenders[0], steps)
+                _time(entry, contenders[0], options.steps, options.turn)
     finally:
         for entry in contenders:
             if entry.worker:
                 entry.worker.close()
-    return contenders
 
 
 def _open(floor: Entry, case: Case) -> Trajectory:
@@ -132,12 +130,12 @@ def _compare(entry: Entry, case: Case, reference: Trajectory) -> None:
     entry.deviation = float((np.abs(values - reference[-len(values) :]) / scale).max())
 
 
-def _time(entry: Entry, floor: Entry, steps: int) -> None:
+def _time(entry: Entry, floor: Entry, steps: int, turn: float) -> None:
     """Add a time of each mode, and one of the floor that ran in turns with it."""
     for mode in entry.modes:
         own: list[float] = []
         least: list[float] = []
-        while not entry.failure and sum(own) < TURN:
+        while not entry.failure and sum(own) < turn:
             assert entry.worker is not None
             assert floor.worker is not None
             least.append(floor.worker.ask("run", steps, record=mode))
@@ -203,12 +201,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--steps", type=int, default=50_000)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument(
+        "--turn",
+        type=float,
+        default=0.2,
+        help="s in each round for which a fast master runs again and again; more on a shared machine",
+    )
+    parser.add_argument("--own", action="store_true", help="the floor and the compiled loop only")
     options = parser.parse_args()
     console = Console(width=150, highlight=False)
     with tempfile.TemporaryDirectory() as folder:
         cases = [build(_made(Path(folder) / str(i))) for i, build in enumerate(CASES)]
         for case in cases:
-            contenders = run_case(case, options.steps, options.rounds, console)
+            contenders = entries()[: _N_OWN if options.own else None]
+            run_case(case, contenders, options, console)
             console.print(table(case, contenders, options.steps))
             console.print(*notes(contenders), "", sep="\n", soft_wrap=True)
         costs = python_component(cases[0], options.steps, options.rounds)

@@ -100,7 +100,7 @@ def alone(component: Component, h: float, u: Table, expected: Table) -> float:
         component.exchange(u[0] if len(u[0]) else np.empty(0), np.empty(expected.shape[1]))
         component.enter_steps()
         y, scratch = np.zeros(expected.shape), np.zeros(2, dtype=np.int64)
-        address, data = component.native()
+        address, data, _ = component.native()
         table = table_at(data)
         begin = time.thread_time()
         if isinstance(component, FmuComponent):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from co_sim.component import Port, Scalar, Vector
+    from co_sim.native import NativeState
 
 __all__ = ["CompiledComponent", "compiled"]
 
@@ -151,6 +152,11 @@ class CompiledComponent(TableComponent):
         """Return to a state of `save`."""
         self.native()
         self._x[:] = cast("Vector", state)
+
+    def native_state(self) -> NativeState:
+        """Return machine code that keeps the state."""
+        self.native()
+        return self._array_state(self._x)
 
     def serialize(self, state: object) -> bytes:
         """Return the state as float64 in little-endian order."""

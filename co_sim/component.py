@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from co_sim.native import NativeStep
+    from co_sim.native import NativeState, NativeStep
     from co_sim.units import Unit
 
     Vector = NDArray[np.float64]
@@ -133,6 +133,9 @@ class Component(ABC):
     #: Name in the system, which the master sets before `start`.
     instance_name: str = ""
 
+    #: End of the run, s, where it is known that none goes beyond it; the master sets it before `start`.
+    stop_time: float | None = None
+
     #: Whether `u` carries the value of an extrapolated input at the end of the step instead of its mean, as
     #: suits a component without memory. Without effect where derivatives are taken.
     takes_end_values: bool = False
@@ -183,6 +186,18 @@ class Component(ABC):
 
     def native(self) -> NativeStep | None:
         """Return the same step as machine code, valid until `close`, or ``None`` if it needs Python."""
+        return None
+
+    def native_state(self) -> NativeState | None:
+        """Return `save` and `restore` as machine code, valid until `close`, or ``None`` if they need Python.
+
+        That of a parent is not asked where a subclass has a `save` of its own.
+
+        Raises
+        ------
+        StateError
+            If the component cannot save its state.
+        """
         return None
 
     def linearize(self, t: float, u: Vector) -> LocalModel:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from co_sim.kernel import Matrix
+    from co_sim.supervisor import Supervised
     from co_sim.system import System
 
 __all__ = ["CouplingCheck", "SignalError", "check_coupling", "refined"]
@@ -139,7 +140,12 @@ def refined(system: System, factor: int) -> System:
 
 
 def check_coupling(
-    system: System, duration: float, *, t0: float = 0.0, patterns: Sequence[str] = ("*",)
+    system: System,
+    duration: float,
+    *,
+    t0: float = 0.0,
+    patterns: Sequence[str] = ("*",),
+    in_process: bool = True,
 ) -> CouplingCheck:
     """Estimate the error that the coupling makes in each signal, from three runs side by side.
 
@@ -147,6 +153,8 @@ def check_coupling(
     ----------
     system : not yet started; it is copied. duration : of the runs, s. t0 : their start, s.
     patterns : signals to compare; those that jump (``continuous=False``) converge with order 1 at best.
+    in_process : whether to run in this process instead of in processes under supervision, where a component
+        that crashes or hangs does no harm.
 
     Raises
     ------
@@ -162,7 +170,9 @@ def check_coupling(
     every = -(-count // _POINTS)
     with ThreadPoolExecutor(len(_REFINEMENTS)) as pool:
         jobs = [
-            pool.submit(_run, refined(system, factor), t0, count * factor, patterns, every * factor)
+            pool.submit(
+                _run, refined(system, factor), t0, count * factor, patterns, every * factor, in_process
+            )
             for factor in _REFINEMENTS
         ]
         runs = [job.result() for job in jobs]
@@ -183,17 +193,23 @@ def check_coupling(
 
 
 def _run(
-    system: System, t0: float, n_steps: int, patterns: Sequence[str], every: int
+    system: System, t0: float, n_steps: int, patterns: Sequence[str], every: int, in_process: bool
 ) -> tuple[Recorder, str | None]:
     recorder = Recorder(patterns, every=every)
     try:
-        with Master(system, t0, observers=[recorder], quiet=True) as master:
+        with _master(in_process)(system, t0, observers=[recorder], quiet=True) as master:
             master.run(n_steps=n_steps)
     except RunError as error:
         if len(recorder.time) == 0:
             raise
         return recorder, error.reason
     return recorder, None
+
+
+def _master(in_process: bool) -> type[Master | Supervised]:
+    from co_sim.supervisor import Supervised
+
+    return Master if in_process else Supervised
 
 
 def _signal_errors(

@@ -102,7 +102,7 @@ class ExchangeBinding(Binding):
 
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Advance; the ports may need the interpreter."""
-        address, data = self._native()
+        address, data, _ = self._native()
         status = _c_function(address)(t, h, u.ctypes.data, y.ctypes.data, data)
         if status:
             raise self.failure(status)
@@ -128,6 +128,9 @@ class ExchangeBinding(Binding):
             f"more than {MAX_EVENTS} events in one step, the last at {t}: they follow each other ever faster,"
             " or an indicator returns to zero after each"
         )
+
+    def native_state(self) -> None:
+        """Return nothing: what the integration knows is kept by the interpreter."""
 
     def may_return(self) -> None:
         """Tell the FMU in each later step that an earlier state may be restored."""

@@ -102,6 +102,7 @@ class Slave(ABC):
         self._worst = 0
         self._states: set[int] = set()
         self._dropped: deque[int] = deque()
+        self._owned: list[NDArray[np.int64]] = []
         #: Whether the initialisation is over.
         self.is_stepping = False
         #: Whether no earlier state will be restored, which an FMU may want to know in `do_step`.
@@ -122,8 +123,8 @@ class Slave(ABC):
         """Create the instance and collect its log messages."""
 
     @abstractmethod
-    def enter_initialisation(self, t0: float) -> None:
-        """Enter initialisation mode for a run from `t0` (s)."""
+    def enter_initialisation(self, t0: float, stop: float | None, tolerance: float | None) -> None:
+        """Enter initialisation mode for a run from `t0` to `stop` (s); ``None`` is not defined."""
 
     @abstractmethod
     def transfer(self, function: Any, references: int, n: int, values: int, n_values: int) -> int:
@@ -195,6 +196,10 @@ class Slave(ABC):
         """Have a state freed; any thread may do so, at any time, so that it happens later."""
         self._dropped.append(pointer)
 
+    def own(self, kept: NDArray[np.int64]) -> None:
+        """Free at the end the state whose pointer an array then has, if it has one."""
+        self._owned.append(kept)
+
     def serialize(self, pointer: int) -> bytes:
         """Return a state as bytes."""
         size = c_size_t()
@@ -217,6 +222,7 @@ class Slave(ABC):
         if self._worst >= _FATAL:
             return  # Not even freeing is allowed then.
         try:
+            self._states.update(int(kept[0]) for kept in self._owned if kept[0])
             self._dropped.extend(self._states)
             if self._fmu.component:
                 self._free_states()
@@ -297,8 +303,9 @@ class _Slave2(Slave):
         _LOGS[self._key] = self._log
         self._fmu.instantiate(callbacks=_callbacks2(self._key), loggingOn=True)
 
-    def enter_initialisation(self, t0: float) -> None:
-        self._call("SetupExperiment", 0, 0.0, t0, 0, 0.0)
+    def enter_initialisation(self, t0: float, stop: float | None, tolerance: float | None) -> None:
+        arguments = (*_defined(tolerance), c_double(t0), *_defined(stop))
+        self._call("SetupExperiment", *arguments)
         self._call("EnterInitializationMode")
 
     def transfer(self, function: Any, references: int, n: int, values: int, n_values: int) -> int:
@@ -346,8 +353,9 @@ class _Slave3(Slave):
 
         self._fmu.instantiate(loggingOn=True, logMessage=log)
 
-    def enter_initialisation(self, t0: float) -> None:
-        self._call("EnterInitializationMode", False, 0.0, t0, False, 0.0)
+    def enter_initialisation(self, t0: float, stop: float | None, tolerance: float | None) -> None:
+        arguments = (*_defined(tolerance), c_double(t0), *_defined(stop))
+        self._call("EnterInitializationMode", *arguments)
 
     def transfer(self, function: Any, references: int, n: int, values: int, n_values: int) -> int:
         return cast("int", function(self.instance, references, n, values, n_values))
@@ -415,6 +423,11 @@ def _needs(interface: Any, description: ModelDescription) -> str:
 
 def _text(message: bytes | None) -> str:
     return (message or b"").decode(errors="replace").strip()
+
+
+def _defined(value: float | None) -> tuple[bool, c_double]:
+    """Return whether there is a value, and the value: two arguments of a C function."""
+    return value is not None, c_double(value or 0.0)
 
 
 def _pointer(array: NDArray[Any], element: Any) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from co_sim import fmi_table as at
 from co_sim.fmi import FmuError
 from co_sim.fmi_values import UnfitError, grouped, misfit
-from co_sim.native import NativeStep
+from co_sim.native import Call, NativeState, NativeStep
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -97,7 +97,25 @@ class Binding:
             return FmuError(misfit("output", name, kind, value.view(kind)[0].item()))
         if action == at.ENDED:
             return self._slave.ended(self._table[at.LAST : at.LAST + 1].view(np.float64)[0].item())
-        return self._slave.refusal(_ACTIONS[action], status)
+        state = self._slave.state
+        words = _ACTIONS | {
+            at.KEEPING: f"Get{state}",
+            at.GOING_BACK: f"Set{state}",
+            at.FREEING: f"Free{state}",
+        }
+        return self._slave.refusal(words[action], status)
+
+    def native_state(self) -> NativeState | None:
+        """Return the calls that keep the state and go back to it."""
+        from co_sim.fmi_state import go_back, keep
+
+        self.may_return()
+        self._slave.own(self._table[at.KEPT : at.KEPT + 1])
+        for place, name in ((at.GET_STATE, "Get"), (at.SET_STATE, "Set"), (at.FREE_STATE, "Free")):
+            self._table[place] = self._slave.address(name + self._slave.state)
+        kept: Any = keep
+        back: Any = go_back
+        return NativeState(kept.address, back.address, self._table.ctypes.data)
 
     def may_return(self) -> None:
         """Tell the FMU in each later step that an earlier state may be restored."""
@@ -176,12 +194,14 @@ class Binding:
 
     def _native(self) -> NativeStep:
         # Compiled code is loaded when it is needed: that takes a while.
+        step: Any
+        call = Call.FUNCTION
         if self._is_plain:
             from co_sim.fmi_step import step2, step3
 
-            step: Any = step2 if self._slave.version == 2 else step3
+            step, call = (step2, Call.FMI2) if self._slave.version == 2 else (step3, Call.FMI3)
         else:
             from co_sim.fmi_step_mixed import step_mixed
 
             step = step_mixed
-        return NativeStep(step.address, self._table.ctypes.data)
+        return NativeStep(step.address, self._table.ctypes.data, call)

@@ -14,7 +14,7 @@ from numba import cfunc, njit, types
 from numpy import finfo, float32
 
 from co_sim import fmi_table as at
-from co_sim.fmi_step import ENDING, do_step2, do_step3, failing, transfer2, transfer3
+from co_sim.fmi_calls import ENDING, do_step2, do_step3, failing, transfer2, transfer3
 from co_sim.native import STEP, caller, doubles_at, integers_at, pointer_to
 
 __all__ = ["get_all", "set_all", "step_mixed"]

@@ -35,16 +35,34 @@ from __future__ import annotations
     SLOPE_VALUES,
     SLOPE_POSITIONS,
     LAST_ORDER,
-) = range(20)
-HEADER = 20
+    #: The state that was kept, as the FMU gave it, the order of derivatives that belongs to it, and the
+    #: functions that get, set and free a state.
+    KEPT,
+    KEPT_ORDER,
+    GET_STATE,
+    SET_STATE,
+    FREE_STATE,
+) = range(25)
+HEADER = 25
 
 #: Of a row: function, references, number of them and of their values, code of the type, addresses of the
 #: values and of their positions in u or y, and the limits of whole numbers.
 FUNCTION, REFERENCES, N_REFERENCES, N_VALUES, CODE, VALUES, POSITIONS, LOW, HIGH = range(9)
 ROW = 9
 
-#: What a step returns when it fails.
-SETTING, STEPPING, GETTING, ENDED, UNFIT_INPUT, UNFIT_OUTPUT, DERIVING = range(1, 8)
+#: What a step, or what keeps and goes back, returns when it fails.
+(
+    SETTING,
+    STEPPING,
+    GETTING,
+    ENDED,
+    UNFIT_INPUT,
+    UNFIT_OUTPUT,
+    DERIVING,
+    KEEPING,
+    GOING_BACK,
+    FREEING,
+) = range(1, 11)
 
 #: Types of values in C by their code; booleans are one byte in FMI 3 and an int in FMI 2.
 (

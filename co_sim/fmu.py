@@ -35,6 +35,7 @@ from co_sim.fmu_variables import (
 )
 from co_sim.local_model import NotLinearizableError
 from co_sim.native import NativeComponent
+from co_sim.responses import model_from_responses
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from co_sim.fmi import Slave
     from co_sim.fmu_parameters import Value
     from co_sim.local_model import LocalModel
-    from co_sim.native import NativeStep
+    from co_sim.native import NativeState, NativeStep
     from co_sim.units import Unit
 
 __all__ = ["ContinuousState", "FmuComponent", "StepSizeWarning"]
@@ -111,6 +112,8 @@ class FmuComponent(NativeComponent):
         takes the name of its literal or its number, an array nested sequences of its shape.
     units : of variables for which the FMU declares none, or none with a definition: name and, if there is
         one, definition.
+    tolerance : relative, for the solver and the algorithms within the FMU. ``None`` takes that of the default
+        experiment, or leaves it to the FMU.
 
     Raises
     ------
@@ -127,6 +130,7 @@ class FmuComponent(NativeComponent):
         outputs: Sequence[str] | None = None,
         parameters: Mapping[str, Value] = MappingProxyType({}),
         units: Mapping[str, tuple[str, Unit | None]] = MappingProxyType({}),
+        tolerance: float | None = None,
     ) -> None:
         # Held as it is, because it may own the folder in which the FMU lies.
         self._given_path = path
@@ -139,12 +143,14 @@ class FmuComponent(NativeComponent):
             *port_faults(name, self._variables, inputs or (), "input"),
             *port_faults(name, self._variables, outputs or (), "output"),
             *parameter_faults(name, self._variables, parameters),
+            *_tolerance_faults(name, tolerance),
         ]
         if faults:
             raise InputError.from_faults(faults)
         self._inputs = select(self._variables, inputs, "input")
         self._outputs = select(self._variables, outputs, "output")
         self._units = dict(units)
+        self._tolerance = self._default_tolerance if tolerance is None else tolerance
         self._definitions = units_of(self._description)
         self._own_parameters = dict(parameters)
         self._parameters = self._own_parameters
@@ -153,6 +159,7 @@ class FmuComponent(NativeComponent):
         self._slave: Slave | None = None
         self._binding: Binding | None = None
         self._resources = ExitStack()
+        self._h = 0.0
 
     def __deepcopy__(self, memo: object) -> Self:
         # Nothing is shared that ever changes.
@@ -170,6 +177,11 @@ class FmuComponent(NativeComponent):
     def parameters(self) -> Mapping[str, Value]:
         """The parameters of the constructor."""
         return MappingProxyType(self._own_parameters)
+
+    @property
+    def tolerance(self) -> float | None:
+        """The relative tolerance that the FMU is told; ``None`` if it is told none."""
+        return self._tolerance
 
     @property
     def variables(self) -> Mapping[str, ModelVariable]:
@@ -206,6 +218,7 @@ class FmuComponent(NativeComponent):
             If `h` is no multiple of the fixed steps that the FMU says it makes inside (FMI 3).
         """
         self._compare_steps(h)
+        self._h = h
         alone = self._interface.canBeInstantiatedOnlyOncePerProcess
         folder = self._resources.enter_context(unpacked(self._path, alone=alone))
         slave = self._slave_type(self._description, folder, self.instance_name)
@@ -216,7 +229,7 @@ class FmuComponent(NativeComponent):
             slave.configure(structural)
         for value in self._values(structural=False):
             slave.set(*value)
-        slave.enter_initialisation(t0)
+        slave.enter_initialisation(t0, self.stop_time, self._tolerance)
         self._binding = self._bind(slave)
         self._slave = slave
 
@@ -262,6 +275,11 @@ class FmuComponent(NativeComponent):
         except FmuError as error:
             raise StateError(str(error)) from error
         self._bound.memory = own.memory
+
+    def native_state(self) -> NativeState | None:
+        """Return the calls that keep the state and go back to it."""
+        self._require("canGetAndSetFMUstate")
+        return self._bound.native_state()
 
     def serialize(self, state: object) -> bytes:
         """Return a state of `save` as bytes that another run of the same FMU takes."""
@@ -351,12 +369,19 @@ class FmuComponent(NativeComponent):
     def linearize(self, t: float, u: Vector) -> LocalModel:
         """Return the linear model near the present state, from directional derivatives.
 
-        Ports that are not continuous stay as they are: their rows and columns are zero.
+        An FMU that provides none, or does not tell its states, answers to pulses instead, if it can save
+        its state (`co_sim.responses`). Ports that are not continuous stay as they are: their rows and columns
+        are zero. An FMU without inputs that tells no states acts on the others and does not react: its model
+        is empty.
         """
-        self._bound.set_inputs(u)
+        if not self.inputs and self.states is None:
+            return super().linearize(t, u)
         try:
+            if self._can_return and (self.states is None or not self.provides_derivatives):
+                return model_from_responses(self, t, self._h, np.array(u))
+            self._bound.set_inputs(u)
             return local_model(self)
-        except FmuError as error:
+        except (FmuError, StateError) as error:
             raise NotLinearizableError(str(error)) from error
 
     def close(self) -> None:
@@ -368,6 +393,15 @@ class FmuComponent(NativeComponent):
     def _interface(self) -> Any:
         """What the description says about the interface type that is used."""
         return self._slave_type.interface(self._description)
+
+    @property
+    def _can_return(self) -> bool:
+        return bool(self._interface.canGetAndSetFMUstate)
+
+    @property
+    def _default_tolerance(self) -> float | None:
+        told = getattr(self._description.defaultExperiment, "tolerance", None)
+        return float(told) if told and 0.0 < float(told) < np.inf else None
 
     def _compare_steps(self, h: float) -> None:
         own = getattr(self._interface, "fixedInternalStepSize", None)
@@ -456,3 +490,8 @@ class FmuComponent(NativeComponent):
         if not isinstance(state, _State) or state.slave is not self._slave:
             raise StateError(f"the state is not one of this run of {self._path.name}")
         return state
+
+
+def _tolerance_faults(name: str, tolerance: float | None) -> Iterator[Fault]:
+    if tolerance is not None and not 0.0 < tolerance < np.inf:
+        yield Fault(f"tolerance of {name}", repr(tolerance), "a positive number", "correct it")

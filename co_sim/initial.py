@@ -96,12 +96,7 @@ class _Settling:
             self.exchange(part, self.row)
 
     def _gather(self, links: slice | NDArray[np.intp]) -> None:
-        self.layout.u[self.layout.links.target[links]] = self._fed(links)
-
-    def _fed(self, links: slice | NDArray[np.intp]) -> Vector:
-        table = self.layout.links
-        fed: Vector = table.gain[links] * self.row[table.source[links]] + table.offset[links]
-        return fed
+        self.layout.u[self.layout.links.target[links]] = self.layout.fed(links, self.row)
 
     def _inside(self, parts: Sequence[Part]) -> NDArray[np.intp]:
         """Return the links from the group to itself."""
@@ -122,7 +117,7 @@ class _Settling:
             u[target] = w
             for part in parts:
                 self.exchange(part, self.row)
-            return self._fed(inside) - w
+            return self.layout.fed(inside, self.row) - w
 
         with np.errstate(all="ignore"):
             solution = root(residual, u[target].copy(), method="hybr", options={"xtol": 1e-14})

@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from co_sim.dependencies import component_order
-from co_sim.kernel import PART, Links
+from co_sim.kernel import LINK, PART, Feed
 from co_sim.snapshot import TextPlaces
 from co_sim.texts import as_number
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from co_sim.component import Component, Port, Vector
     from co_sim.kernel import Integers
     from co_sim.system import Link, System
 
-__all__ = ["Layout", "Part", "lay_out"]
+__all__ = ["Layout", "Links", "Part", "lay_out"]
+
+
+class Links(NamedTuple):
+    """The links of all parts, each an array over links; see `co_sim.kernel`."""
+
+    source: Integers
+    target: Integers
+    period: Integers
+    order: Integers
+    scaled: Integers
+    gain: Vector
+    offset: Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +41,7 @@ class Part:
     Parameters
     ----------
     name, component : of the system.
-    u : the component's slice of all inputs, as its `step` takes them.
+    u : the component's slice of all inputs, as its `step` takes them. place : where that begins.
     y : the columns of its outputs.
     period : of its steps, in steps of the master.
     derived : how many inputs have their derivatives behind them; 0 where it wants means over a step, -1
@@ -37,6 +51,7 @@ class Part:
 
     name: str
     component: Component
+    place: int
     u: Vector
     y: slice
     period: int
@@ -73,22 +88,62 @@ class Layout:
     history: int
     texts: TextPlaces
 
-    def table(self) -> Integers:
-        """Return the parts as the compiled loop takes them, without the addresses of their steps."""
-        table = np.zeros((len(self.parts), len(PART)), dtype=np.int64)
-        begins = np.cumsum([0, *(part.u.size for part in self.parts)])
-        for row, part, begin in zip(table, self.parts, begins, strict=False):
-            row[2:] = (
-                begin,
-                part.derived,
-                part.y.start,
-                part.y.stop - part.y.start,
-                part.period,
-                part.behind,
-                part.ahead,
-                part.end,
-            )
-        return table
+    def fed(self, links: slice | NDArray[np.intp], row: Vector) -> Vector:
+        """Return what links pass on of a row, without extrapolation."""
+        table = self.links
+        fed: Vector = table.gain[links] * row[table.source[links]] + table.offset[links]
+        return fed
+
+    def inputs(self, part: Part, row: Vector) -> Vector:
+        """Return the inputs of a part at the instant of a row, without derivatives."""
+        u = part.values.copy()
+        links = slice(part.behind, part.end)
+        u[self.links.target[links] - part.place] = self.fed(links, row)
+        return u
+
+    def tables(self) -> tuple[Integers, Integers]:
+        """Return the parts, without their steps, and the links as the compiled loop takes them.
+
+        The parts hold addresses of links and of `u`.
+        """
+        links = np.zeros((len(self.links.source), len(LINK)), dtype=np.int64)
+        for i, name in enumerate(LINK):
+            links[:, i] = getattr(self.links, name).view(np.int64)
+        begin, size = links.ctypes.data, links.strides[0]
+        parts = np.zeros((len(self.parts), len(PART)), dtype=np.int64)
+        for i, (row, part) in enumerate(zip(parts, self.parts, strict=True)):
+            values = {
+                "index": i,
+                "u": part.u.ctypes.data,
+                "y": part.y.start,
+                "n_y": part.y.stop - part.y.start,
+                "feed": self._feed(part),
+                "behind": begin + size * part.behind,
+                "ahead": begin + size * part.ahead,
+                "end": begin + size * part.end,
+                "period": part.period,
+                "derived": part.derived,
+            }
+            for name, value in values.items():
+                row[PART.index(name)] = value
+        return parts, links
+
+    def _feed(self, part: Part) -> Feed:
+        held = not self.links.order[part.behind : part.ahead].any()
+        return Feed.HELD if held and part.period == 1 and part.ahead == part.end else Feed.ANY
+
+    def stretch(self, part: Part) -> int | None:
+        """Return where the inputs of a part stand in a row, side by side and in their order, if they do.
+
+        Such inputs need not be copied at all, for a step that begins when they are read.
+        """
+        of_part = slice(part.behind, part.end)
+        source, target = self.links.source[of_part], self.links.target[of_part]
+        order = np.argsort(target)
+        side_by_side = source.size == part.u.size > 0 and (np.diff(source[order]) == 1).all()
+        if self._feed(part) is Feed.HELD and side_by_side and not self.links.scaled[of_part].any():
+            return int(source[order[0]])
+        return None
 
 
 def lay_out(system: System) -> Layout:
@@ -205,6 +260,7 @@ def _parts(
             Part(
                 name,
                 component,
+                begin,
                 u[begin : begin + width],
                 columns[name],
                 system.rates.get(name, 1),
@@ -227,6 +283,7 @@ def _link_table(system: System, links: list[Link], column: dict[str, int], place
         target=integers([places[link.target] for link in links]),
         period=integers([system.rates.get(link.source.partition(".")[0], 1) for link in links]),
         order=integers([order if link.continuous else 0 for link in links]),
+        scaled=integers([(link.gain, link.offset) != (1.0, 0.0) for link in links]),
         gain=np.array([link.gain for link in links], dtype=np.float64),
         offset=np.array([link.offset for link in links], dtype=np.float64),
     )

@@ -11,14 +11,14 @@ from central differences. With the models side by side in block diagonals ``A, B
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from co_sim.errors import InputError, suggestion
+from co_sim.errors import InputError
 from co_sim.local_model import LocalModel, NotLinearizableError
+from co_sim.patterns import matching
 from co_sim.system import canonical_unit
 
 if TYPE_CHECKING:
@@ -68,8 +68,8 @@ def linearize(
     Parameters
     ----------
     master : started here if need be; its initialisation ends.
-    inputs : patterns for the outside inputs, ``"component.input"``; ``None`` takes all that are not
-        connected. An outside input adds to what a connection feeds.
+    inputs : patterns for the outside inputs, ``"component.input"``, see `co_sim.patterns.matching`; ``None``
+        takes all that are not connected. An outside input adds to what a connection feeds.
     outputs : patterns for signals.
 
     Raises
@@ -90,8 +90,8 @@ def linearize(
     names_y, units_y = _elements(system, parts, "outputs")
     K = _connections(system, names_u, names_y)
     fed = {link.target for link in system.links()}
-    chosen_u = _matching(inputs, names_u, "input") if inputs is not None else _free(names_u, fed)
-    chosen_y = _matching(outputs, [signal.name for signal in system.signals], "output")
+    chosen_u = matching(inputs, names_u, "input", "an input") if inputs is not None else _free(names_u, fed)
+    chosen_y = matching(outputs, [signal.name for signal in system.signals], "output", "an output")
     L = np.eye(len(names_u))[:, chosen_u]
     M = _solved(np.eye(len(names_u)) - K @ D, np.hstack([K @ C, L]))
     MKC, ML = M[:, : C.shape[1]], M[:, C.shape[1] :]
@@ -173,22 +173,6 @@ def _connections(system: System, names_u: list[str], names_y: list[str]) -> Matr
 
 def _free(names: list[str], fed: set[str]) -> list[int]:
     return [i for i, name in enumerate(names) if name not in fed]
-
-
-def _matching(patterns: Sequence[str], names: Sequence[str], kind: str) -> list[int]:
-    for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) or name == pattern for name in names):
-            raise InputError(
-                f'{kind} "{pattern}"',
-                got="no match",
-                expected=f"an {kind}",
-                remedy=suggestion(pattern, names),
-            )
-    return [
-        i
-        for i, name in enumerate(names)
-        if any(fnmatchcase(name, pattern) or name == pattern for pattern in patterns)
-    ]
 
 
 def _solved(loop: Matrix, right: Matrix) -> Matrix:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from co_sim.callback import Callback
-from co_sim.kernel import NOT_FINITE, advance, gather
-from co_sim.native import NativeComponent
+from co_sim.kernel import NOT_FINITE, Feed, advance, gather
+from co_sim.kernel import PART as COLUMNS
+from co_sim.native import Call, NativeComponent
 from co_sim.table import PART, STEP
 
 if TYPE_CHECKING:
@@ -46,25 +47,36 @@ class CompiledLoop:
         self._layout, self._t0, self._h = layout, t0, h
         self._progress = progress
         self.scale = np.empty(0)
-        self._table = layout.table()
+        self._parts, self._links = layout.tables()
         self._callbacks: dict[str, Callback] = {}
-        for row, part in zip(self._table, layout.parts, strict=True):
+        for row, part in zip(self._parts, layout.parts, strict=True):
             native = part.component.native()
             if native is None:
                 self._callbacks[part.name] = Callback(part.component, part.u, part.y.stop - part.y.start)
                 native = self._callbacks[part.name].native
-            row[:2] = native
+            self._set(row, call=native.call, address=native.address, data=native.data)
+            stretch = layout.stretch(part)
+            if native.call is not Call.FUNCTION and stretch is not None:
+                # An FMU promises not to change its inputs, so that it may see the row itself.
+                self._set(row, feed=Feed.ROW, u=8 * stretch)
+
+    @staticmethod
+    def _set(row: Integers, **values: int) -> None:
+        for name, value in values.items():
+            row[COLUMNS.index(name)] = value
 
     def advance(self, rows: Matrix, row: int, k: int, n: int) -> tuple[int, Failure | None]:
         """Make `n` steps without the interpreter, except for the components that need it."""
-        layout = self._layout
         made, status, j = advance(
-            rows, row, k, n, self._t0, self._h, self._table, layout.links, layout.u, self._progress
+            rows, row, k, n, self._t0, self._h, self._parts, self._layout.u, self._progress
         )
+        return made, self._failure(status, j)
+
+    def _failure(self, status: int, j: int) -> Failure | None:
         if status == 0:
-            return made, None
-        part = layout.parts[j]
-        return made, Failure(part, None if status == NOT_FINITE else self._error(part, status))
+            return None
+        part = self._layout.parts[j]
+        return Failure(part, None if status == NOT_FINITE else self._error(part, status))
 
     def _error(self, part: Part, status: int) -> BaseException:
         callback = self._callbacks.get(part.name)
@@ -80,6 +92,7 @@ class InterpretedLoop:
 
     def __init__(self, layout: Layout, t0: float, h: float, progress: Integers) -> None:
         self._layout, self._t0, self._h = layout, t0, h
+        _, self._links = layout.tables()
         self._progress = progress
         self.scale = np.empty(0)
 
@@ -96,14 +109,14 @@ class InterpretedLoop:
         for j, part in enumerate(layout.parts):
             period = part.period
             if k % period == 0:
-                feed(layout, part, rows, row, k, k, h, part.behind, part.ahead)
+                feed(part, self._links, layout.u, rows, row, k, k, h, part.behind, part.ahead)
             y = rows[row + 1, part.y]
             if (k + 1) % period != 0:
                 y[:] = rows[row, part.y]
                 continue
             first = k + 1 - period
             if part.ahead < part.end:
-                feed(layout, part, rows, row + 1, k + 1, first, h, part.ahead, part.end)
+                feed(part, self._links, layout.u, rows, row + 1, k + 1, first, h, part.ahead, part.end)
             self._progress[STEP], self._progress[PART] = k, j
             try:
                 part.component.step(self._t0 + first * h, period * h, part.u, y)
@@ -115,8 +128,9 @@ class InterpretedLoop:
 
 
 def feed(
-    layout: Layout,
     part: Part,
+    links: Integers,
+    u: Vector,
     rows: Matrix,
     row: int,
     k: int,
@@ -126,4 +140,4 @@ def feed(
     last: int,
 ) -> None:
     """Set the inputs of a part from row `row` at step `k`, for its step that begins at step `begin`."""
-    gather(rows, row, k, begin, part.period, h, layout.links, first, last, part.derived, layout.u)
+    gather(rows, row, k, begin, part.period, h, links, first, last, part.derived, u)

@@ -23,7 +23,7 @@ from co_sim.component import StateError
 from co_sim.dependencies import looped_components
 from co_sim.errors import InputError, RunError
 from co_sim.initial import settle
-from co_sim.iterated import IteratedLoop
+from co_sim.iterated import CompiledIteratedLoop, IteratedLoop
 from co_sim.layout import lay_out
 from co_sim.loops import CompiledLoop, InterpretedLoop
 from co_sim.snapshot import Snapshot, read_snapshot, write_snapshot
@@ -46,7 +46,9 @@ __all__ = ["CouplingWarning", "Master", "checked_count", "ending", "longest_bloc
 
 #: Blocks are made as long as this, s: short enough for an interrupt, long enough to cost nothing.
 _BLOCK_TIME = 0.02
+#: Steps in the first block, and how many times longer than the last one a block may be.
 _FIRST_BLOCK = 1
+_GROWTH_OF_BLOCKS = 16.0
 
 
 class CouplingWarning(UserWarning):
@@ -64,6 +66,8 @@ class Master:
     t0 : start time, s.
     h : communication step, s, instead of the system's own.
     observers : see the signals of each `run`, in this order; a `step` of its own is not observed.
+    stop_time : s, if it is known that no run goes beyond it. FMUs are told, and most refuse to be stepped
+        further: leave it out if you do not know how many runs there will be.
     quiet : do not warn of signals that still grow at the end of a run.
     compiled : make steps without the interpreter; ``False`` makes the same steps in Python, for debugging.
     table : makes the rows from their history and the number of signals; for those who share them.
@@ -71,7 +75,8 @@ class Master:
     Raises
     ------
     InputError
-        If the system has faults (all are told) or `t0` is not finite.
+        If the system has faults (all are told), `t0` is not finite, or the step does not divide the time to
+        `stop_time`.
     """
 
     def __init__(
@@ -81,6 +86,7 @@ class Master:
         h: float | None = None,
         observers: Sequence[Observer] = (),
         *,
+        stop_time: float | None = None,
         compiled: bool = True,
         quiet: bool = False,
         table: Callable[[int, int], Table] = Table,
@@ -97,6 +103,8 @@ class Master:
         self.k = 0
         self.observers = tuple(observers)
         self.signals = system.signals
+        self._looped = looped_components(system)
+        self._last_step = last_step(t0, stop_time, self.h)
         self._compiled = compiled
         self._quiet = quiet
         self._layout = lay_out(system)
@@ -108,6 +116,7 @@ class Master:
         self._resources = ExitStack()
         for name, component in system.components.items():
             component.instance_name = name
+            component.stop_time = self._stop_time
             self._resources.callback(self._close_component, name, component)
 
     @property
@@ -133,6 +142,13 @@ class Master:
         return self._table
 
     @property
+    def _stop_time(self) -> float | None:
+        """The stop time that components are told: not before the end of the last step as they reckon it."""
+        if self._last_step is None:
+            return None
+        return max(self.t0 + self._last_step * self.h, self.t0 + (self._last_step - 1) * self.h + self.h)
+
+    @property
     def _rows(self) -> Matrix:
         return self._table.rows
 
@@ -144,13 +160,7 @@ class Master:
     def inputs_of(self, name: str) -> Vector:
         """Return the inputs of a component as they are now, without extrapolation."""
         part = next(part for part in self._layout.parts if part.name == name)
-        u = self._layout.u.copy()
-        links, of_part = self._layout.links, slice(part.behind, part.end)
-        u[links.target[of_part]] = (
-            links.gain[of_part] * self._rows[self._row, links.source[of_part]] + links.offset[of_part]
-        )
-        begin = part.u.ctypes.data - self._layout.u.ctypes.data
-        return u[begin // u.itemsize :][: part.values.size]
+        return self._layout.inputs(part, self._rows[self._row])
 
     def start(self) -> None:
         """Start all components and settle their values at `t0`; does nothing if they are started.
@@ -179,9 +189,9 @@ class Master:
         row[:] = self._layout.first_row
         settle(self.system, self._layout, row, self._exchange)
         self._check_start(row)
-        self._loop = self._new_loop()
         if self.system.coupling.algorithm == "iterated":
-            self.save()  # tells now which component cannot be taken back
+            self._saved_states()  # tells now which component cannot be taken back
+        self._loop = self._new_loop()
 
     def enter_steps(self) -> None:
         """End the initialisation, as the first step would; starts the components if need be."""
@@ -197,6 +207,7 @@ class Master:
         RunError
             If a component fails or an output is not finite. The components are then closed.
         """
+        require_within(self.k + 1, self._last_step, self.h)
         self.start()
         with self._closed_on_error():
             self._advance(1)
@@ -215,7 +226,8 @@ class Master:
         Raises
         ------
         InputError
-            If the step does not divide `duration`, an observer refuses, or the values do not settle.
+            If the step does not divide `duration`, the run would go beyond the stop time, an observer
+            refuses, or the values do not settle.
         RunError
             If a component fails, an output is not finite, or a signal grows beyond all bounds.
 
@@ -227,6 +239,7 @@ class Master:
         if (duration is None) == (n_steps is None):
             raise TypeError("give either duration or n_steps")
         count = checked_count(n_steps) if duration is None else step_count(duration, self.h)
+        require_within(self.k + count, self._last_step, self.h)
         with self._closed_on_error(), ExitStack() as ends:
             for observer in self.observers:
                 observer.begin(self.signals, self.time, self.h, count)
@@ -248,12 +261,16 @@ class Master:
         """
         self.start()
         assert self._loop is not None
+        states = self._saved_states()
+        rows = self._rows[self._row - self._layout.history : self._row + 1].copy()
+        return Snapshot(self.k, rows, self._layout.u.copy(), states, self._begun, self._loop.scale.copy())
+
+    def _saved_states(self) -> dict[str, object]:
         states = {}
         for name, component in self.system.components.items():
             with _telling_state_of(name):
                 states[name] = component.save()
-        rows = self._rows[self._row - self._layout.history : self._row + 1].copy()
-        return Snapshot(self.k, rows, self._layout.u.copy(), states, self._begun, self._loop.scale.copy())
+        return states
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back, or on, to a state of `save`; may be done any number of times.
@@ -317,13 +334,14 @@ class Master:
 
     def _new_loop(self) -> Loop:
         if self.system.coupling.algorithm == "iterated":
-            return IteratedLoop(self._layout, self.t0, self.h, self.system.coupling, self._table.progress)
+            iterated = CompiledIteratedLoop if self._compiled else IteratedLoop
+            return iterated(self._layout, self.t0, self.h, self.system.coupling, self._table.progress)
         kind = CompiledLoop if self._compiled else InterpretedLoop
         return kind(self._layout, self.t0, self.h, self._table.progress)
 
     def _observed(self, count: int) -> Growth | None:
         """Make `count` steps in blocks that the observers see; return what was still growing at the end."""
-        watch = Watch(self.system)
+        watch = Watch(self.system, self._looped)
         begin = self.k
         self._show(0, self._row, 1)
         block = _FIRST_BLOCK
@@ -341,7 +359,8 @@ class Master:
                 name = self.signals[growth.column].component
                 raise RunError(name, time=self.t0 + step * self.h, step=step, reason=reason)
             elapsed = time.perf_counter() - started
-            block = max(min(int(block * min(_BLOCK_TIME / max(elapsed, 1e-9), 4.0)), LONGEST_BLOCK), 1)
+            longer = min(_BLOCK_TIME / max(elapsed, 1e-9), _GROWTH_OF_BLOCKS)
+            block = max(min(int(block * longer), LONGEST_BLOCK), 1)
         return watch.unfinished()
 
     def _advance_and_show(self, n: int, begin: int) -> None:
@@ -421,7 +440,7 @@ class Master:
     def _not_finite(self, column: int, row: Vector, t: float) -> RunError:
         signal = self.signals[column]
         reason = f"{signal.name} became {row[column]} at t = {t:g} s"
-        if self.k > 0 and signal.component in looped_components(self.system):
+        if self.k > 0 and signal.component in self._looped:
             reason += f"; {advice(self.system.coupling, self.h)}"
         return self._run_error(signal.component, reason)
 
@@ -501,6 +520,36 @@ def step_count(duration: float, h: float) -> int:
             remedy=f"use {count * h:.12g} s, or another step",
         )
     return count
+
+
+def last_step(t0: float, stop_time: float | None, h: float) -> int | None:
+    """Return the step that ends at the stop time; ``None`` without one. Times in s.
+
+    Raises
+    ------
+    InputError
+        If the step does not divide the time from `t0`, or that is negative.
+    """
+    if stop_time is None:
+        return None
+    duration = stop_time - t0
+    if not math.isfinite(duration):
+        return step_count(duration, h)
+    # Times far from zero have fewer digits than their difference needs.
+    count = round(duration / h)
+    rounding = 4.0 * math.ulp(max(abs(t0), abs(stop_time)))
+    return step_count(count * h if abs(count * h - duration) <= rounding else duration, h)
+
+
+def require_within(end: int, last: int | None, h: float) -> None:
+    """Raise `InputError` if a run to step `end` goes beyond the `last` one; steps of `h` (s)."""
+    if last is not None and end > last:
+        raise InputError(
+            "duration",
+            got=f"a run to {end * h:g} s after the start",
+            expected=f"at most the {last * h:g} s to the stop time, beyond which FMUs refuse to go",
+            remedy="shorten it, or leave stop_time out",
+        )
 
 
 def longest_block(observers: Sequence[Observer]) -> int:

@@ -51,6 +51,7 @@ class ExchangeFmu(FmuComponent):
         takes the name of its literal or its number, an array nested sequences of its shape.
     units : of variables for which the FMU declares none, or none with a definition: name and, if there is
         one, definition.
+    tolerance : as of `FmuComponent`; the substeps do not depend on it.
     substep : longest substep, s; each step is divided into equal ones. ``None`` takes the step size of the
         FMU's default experiment, or else the whole step.
     method : of integration: ``"rk4"`` (classical Runge-Kutta), ``"midpoint"`` or ``"euler"``, of
@@ -71,12 +72,15 @@ class ExchangeFmu(FmuComponent):
         outputs: Sequence[str] | None = None,
         parameters: Mapping[str, Value] = MappingProxyType({}),
         units: Mapping[str, tuple[str, Unit | None]] = MappingProxyType({}),
+        tolerance: float | None = None,
         substep: float | None = None,
         method: Literal["rk4", "midpoint", "euler"] = "rk4",
     ) -> None:
         faults: list[Fault] = []
         try:
-            super().__init__(path, inputs=inputs, outputs=outputs, parameters=parameters, units=units)
+            super().__init__(
+                path, inputs=inputs, outputs=outputs, parameters=parameters, units=units, tolerance=tolerance
+            )
         except InputError as error:
             faults.extend(error.faults)
         faults.extend(_faults(f"of {path}", substep, method))

@@ -9,12 +9,20 @@ returns 0, or another number that the component's `failure` can explain. `data` 
 Whoever can give the address of such a function takes part without the interpreter: an FMU through the
 functions of `co_sim.fmi`, a function compiled by numba through `co_sim.compiled_component`, a library of
 the user's own through ctypes.
+
+Iterated coupling repeats steps. Two more functions ::
+
+    int32_t keep(void *data);
+    int32_t go_back(void *data);
+
+keep the present state, in place of the one kept before, and go back to it as often as wanted.
 """
 
 from __future__ import annotations
 
 import ctypes
 from abc import abstractmethod
+from enum import IntEnum
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -32,10 +40,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from co_sim.component import Vector
+    from co_sim.native_state import ArrayState
 
 __all__ = [
+    "STATE",
     "STEP",
+    "Call",
     "NativeComponent",
+    "NativeState",
     "NativeStep",
     "TableComponent",
     "caller",
@@ -46,6 +58,8 @@ __all__ = [
 
 #: The step as numba sees it; pointers are integers there.
 STEP = types.int32(types.float64, types.float64, types.intp, types.intp, types.intp)
+#: `keep` and `go_back` as numba sees them.
+STATE = types.int32(types.intp)
 _STEP_C = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
 )
@@ -56,10 +70,27 @@ def _c_function(address: int) -> Callable[..., int]:
     return _STEP_C(address)
 
 
+class Call(IntEnum):
+    """How the compiled loop makes a step: by its function, or by lines of its own that do the same."""
+
+    FUNCTION = 0
+    FMI2 = 2
+    FMI3 = 3
+
+
 class NativeStep(NamedTuple):
     """Addresses of a step function and of its `data`; both stay valid until the component is closed."""
 
     address: int
+    data: int
+    call: Call = Call.FUNCTION
+
+
+class NativeState(NamedTuple):
+    """Addresses of `keep`, `go_back` and their `data`; valid until the component is closed."""
+
+    keep: int
+    go_back: int
     data: int
 
 
@@ -80,7 +111,7 @@ class NativeComponent(Component):
 
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Advance by the machine code."""
-        address, data = cast("NativeStep", self.native())
+        address, data, _ = cast("NativeStep", self.native())
         status = _c_function(address)(t, h, u.ctypes.data, y.ctypes.data, data)
         if status:
             raise self.failure(status)
@@ -94,6 +125,7 @@ class TableComponent(NativeComponent):
 
     _table: NDArray[np.int64] = np.empty(0, dtype=np.int64)
     _native: NativeStep | None = None
+    _array: ArrayState | None = None
 
     def _attach(self, step: Any, table: Sequence[int]) -> None:
         """Give the next run the function `step`, compiled by `numba.cfunc`, and what it reads."""
@@ -106,9 +138,16 @@ class TableComponent(NativeComponent):
             raise StateError("it is not started")
         return self._native
 
+    def _array_state(self, x: Vector) -> NativeState:
+        """Return machine code that keeps an array, which is all the state."""
+        from co_sim.native_state import ArrayState
+
+        self._array = ArrayState(x)
+        return self._array.native
+
     def close(self) -> None:
         """Forget the run."""
-        self._native = None
+        self._native = self._array = None
 
 
 def caller(signature: Any) -> Any:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from co_sim.component import Kind, Port, Scalar, Vector
+    from co_sim.native import NativeState
 
 __all__ = ["Constant", "TimeTable"]
 
@@ -43,6 +44,10 @@ class _Source(TableComponent):
 
     def restore(self, state: object) -> None:
         """Do nothing: a source has no memory."""
+
+    def native_state(self) -> NativeState:
+        """Return machine code that keeps nothing."""
+        return self._array_state(np.empty(0))
 
     def serialize(self, state: object) -> bytes:
         """Return nothing: a source has no memory."""

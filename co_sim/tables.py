@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from co_sim.checking import Finding, Report
     from co_sim.fmu_summary import FmuSummary, Quantity
 
-__all__ = ["report_tables", "summary_tables"]
+__all__ = ["plain_text", "report_tables", "shortened", "summary_tables"]
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 _LABELS = {"CoSimulation": "co-simulation", "ModelExchange": "model exchange"}
@@ -64,7 +64,7 @@ def report_tables(report: Report) -> Iterator[RenderableType]:
     grid.add_column()
     for (severity, topic, message), group in _alike(report.findings).items():
         where = "; ".join(finding.where for finding in group if finding.where)
-        cell = _text(f"{topic}: {where}\n" if where else f"{topic}\n").append_text(_text(message))
+        cell = plain_text(f"{topic}: {where}\n" if where else f"{topic}\n").append_text(plain_text(message))
         grid.add_row(Text(severity, style=_STYLES[severity]), cell)
     yield grid
     n, m = len(report.of("error")), len(report.of("warning"))
@@ -92,14 +92,14 @@ def _head(summary: FmuSummary) -> RenderableType:
         "experiment": _experiment(summary),
     }
     grid = Table.grid(padding=(0, 2))
-    grid.title = _text(summary.model or summary.path)
+    grid.title = plain_text(summary.model or summary.path)
     grid.title.stylize("bold")
     grid.title_justify = "left"
     grid.add_column(no_wrap=True, style="dim")
     grid.add_column()
     for name, value in rows.items():
         if value:
-            grid.add_row(name, _text(value))
+            grid.add_row(name, plain_text(value))
     return grid
 
 
@@ -126,7 +126,7 @@ def _capabilities(summary: FmuSummary) -> RenderableType:
     for interface in summary.interfaces:
         table.add_column(_LABELS.get(interface.kind, "scheduled execution"))
     reasons = [interface.cannot_run for interface in summary.interfaces]
-    table.add_row("runs here", *(Text("yes") if r is None else _text(f"no: {r}") for r in reasons))
+    table.add_row("runs here", *(Text("yes") if r is None else plain_text(f"no: {r}") for r in reasons))
     for flag, words in CAPABILITIES.items():
         cells = [interface.capabilities.get(flag) for interface in summary.interfaces]
         if any(cell is not None for cell in cells):
@@ -149,14 +149,14 @@ def _variables(title: str, quantities: Sequence[Quantity]) -> Table:
     for name in shown:
         is_last = name == "description"
         table.add_column(
-            _text(name),
+            plain_text(name),
             overflow="fold",
             justify="right" if name == "start" else "left",
             ratio=1 if is_last else None,
             max_width=None if is_last else _WIDEST.get(name, _WIDEST_NAME),
         )
     for row in zip(*shown.values(), strict=True):
-        table.add_row(*map(_text, row))
+        table.add_row(*map(plain_text, row))
     return table
 
 
@@ -174,16 +174,17 @@ def _start(quantity: Quantity) -> str:
         return ""
     if quantity.kind == "string":
         texts = [quantity.start] if isinstance(quantity.start, str) else quantity.start
-        return _shortened(" ".join(f'"{text}"' for text in texts))
+        return shortened(" ".join(f'"{text}"' for text in texts))
     words = str(quantity.start).split()
     if quantity.kind == "enumeration":
         words = [quantity.literals.get(int(word), word) for word in words]
     elif quantity.kind.startswith("float"):
         words = [f"{float(word):.15g}" for word in words]
-    return _shortened(" ".join(words))
+    return shortened(" ".join(words))
 
 
-def _shortened(text: str) -> str:
+def shortened(text: str) -> str:
+    """Return a value as it is shown, without the end of a long one."""
     return text if len(text) <= _LONGEST_START else f"{text[: _LONGEST_START - 3]}..."
 
 
@@ -200,6 +201,6 @@ def _description(quantity: Quantity) -> str:
     return f"{quantity.description} ({literals})".strip() if literals else quantity.description
 
 
-def _text(content: str) -> Text:
+def plain_text(content: str) -> Text:
     """Return a text from somebody else: no markup, and nothing that moves the cursor."""
     return Text("".join(c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in content))

@@ -8,13 +8,15 @@ step, ``P`` covariance of the predicted state, ``S`` of the innovation, ``K`` ga
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
+
+from estimator.discretisation import discretise
+from estimator.structure.subspaces import observable_part
 
 if TYPE_CHECKING:
     import control
@@ -61,78 +63,6 @@ class LinearFilter:
     R: Array
     states: tuple[str, ...]
     dropped: tuple[str, ...] = ()
-
-
-def discretise(A: Array, G: Array, W: Array, h: float) -> tuple[Array, Array]:
-    """Discretise ``dx = A x dt + G dw`` exactly (Van Loan 1978), with doubling for stiff models.
-
-    The method carries ``exp(-A h)``, which swamps Q where a mode decays within a fraction of `h`. So Q is
-    found over ``h / 2^d``, short against the fastest mode, and doubled: ``Q(2h) = Q(h) + F Q(h) F'``.
-
-    Parameters
-    ----------
-    A : (s, s). G : (s, n). W : (n, n) two-sided intensity of the white noise. h : step, s.
-
-    Returns
-    -------
-    (F, Q) : transition (s, s) and noise covariance (s, s) of one step.
-    """
-    s = A.shape[0]
-    fastest = float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0))
-    doublings = max(0, math.frexp(fastest * h)[1])
-    block = np.zeros((2 * s, 2 * s))
-    block[:s, :s] = -A
-    block[:s, s:] = G @ W @ G.T
-    block[s:, s:] = A.T
-    E = linalg.expm(block * (h / 2**doublings))
-    F = E[s:, s:].T
-    Q = F @ E[:s, s:]
-    for _ in range(doublings):
-        F, Q = F @ F, Q + F @ Q @ F.T
-    return F, (Q + Q.T) / 2.0
-
-
-def natural_units(A: Array, C: Array) -> Array:
-    """Return units (s,) of the states that bring all nonzero couplings of ``x' = A x, z = C x`` together.
-
-    Least squares of the logarithms (Curtis & Reid 1972), with the units of the measurements and of time
-    free as well. Unlike balancing of A it is the same whatever units the model came in, also where one
-    part drives another and is not driven back.
-    """
-    s, m = A.shape[0], C.shape[0]
-    couplings = np.vstack([A - np.diag(np.diag(A)), C])
-    i, j = np.nonzero(couplings)
-    k = np.arange(i.size)
-    rows = np.zeros((i.size, s + m + 1))
-    rows[k, j] = 1.0
-    rows[k, i] = -1.0
-    rows[i < s, -1] = -1.0
-    logs, *_ = np.linalg.lstsq(rows, -np.log(np.abs(couplings[i, j])), rcond=None)
-    return np.asarray(np.exp(logs[:s]))
-
-
-def observable_part(A: Array, C: Array, *, tolerance: float = 1e-13) -> list[int]:
-    """Return the states on which the part of ``x' = A x`` that ``C x`` can see rests, in order.
-
-    The staircase algorithm grows the space seen through C, C A, C A^2, ... by orthonormal directions.
-    It works in `natural_units` with each output scaled to one: unscaled, entries from 1e-3 to 1e6 would
-    let the units decide the rank. `tolerance` is relative to the norm of the scaled A.
-    """
-    units = natural_units(A, C)
-    scaled, outputs = A / units[:, None] * units, C * units
-    norms = np.linalg.norm(outputs, axis=1, keepdims=True)
-    seen = linalg.orth((outputs / np.where(norms > 0.0, norms, 1.0)).T)
-    step = scaled.T / max(np.linalg.norm(scaled, 2), np.finfo(float).tiny)
-    new = seen
-    while new.shape[1] > 0:
-        grown = step @ new
-        for _ in range(2):  # twice is enough for orthogonality to rounding
-            grown = grown - seen @ (seen.T @ grown)
-        U, singular, _ = np.linalg.svd(grown, full_matrices=False)
-        new = U[:, singular > tolerance]
-        seen = np.hstack([seen, new])
-    _, _, pivots = linalg.qr(seen.T, pivoting=True, mode="economic")
-    return sorted(int(i) for i in pivots[: seen.shape[1]])
 
 
 def design_filter(model: control.StateSpace, W: Array, R: Array, h: float, *, name: str) -> LinearFilter:

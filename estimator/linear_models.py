@@ -14,6 +14,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     import control
+    from numpy.typing import NDArray
 
     from estimator.contact import CreepCurve
     from fmu_wheelset.parameters import WheelsetParameters
@@ -22,6 +23,7 @@ __all__ = [
     "OperatingPoint",
     "critical_speed",
     "filter_model",
+    "full_model",
     "klingel_wavelength",
     "operating_points",
     "wheelset_model",
@@ -106,8 +108,8 @@ def wheelset_model(point: OperatingPoint, wheelset: WheelsetParameters) -> contr
     """
     import control
 
-    yaw, lateral, (track_yaw, track_lateral) = _rows(point, wheelset)
-    A = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], lateral, yaw])
+    _, lateral, (track_yaw, track_lateral) = _rows(point, wheelset)
+    A = state_matrix(point, wheelset)
     B = np.array([[0.0], [0.0], [track_lateral], [track_yaw]])
     C = np.array([[0.0, 0.0, 0.0, 1.0], lateral])
     return control.ss(
@@ -119,6 +121,57 @@ def wheelset_model(point: OperatingPoint, wheelset: WheelsetParameters) -> contr
         inputs=["y_t"],
         outputs=["yaw_rate", "lateral_acceleration"],
         name="wheelset",
+    )
+
+
+def state_matrix(point: OperatingPoint, wheelset: WheelsetParameters) -> NDArray[np.float64]:
+    """Return the matrix (4, 4) of (12) over ``y, psi, y_dot, psi_dot``."""
+    yaw, lateral, _ = _rows(point, wheelset)
+    return np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], lateral, yaw])
+
+
+def full_model(point: OperatingPoint, wheelset: WheelsetParameters) -> control.StateSpace:
+    """Return the small-signal model of the torque-driven wheelset around `point`, at constant speed.
+
+    States ``y, psi, y_dot, psi_dot, omega_L, omega_R, theta``: (12) with the wheel speeds and the twist of
+    the axle. Inputs the track offset ``y_t`` (m), the traction torque ``T_t`` on the right wheel (N m) and
+    the suspension's lateral force ``F_susp`` (N) and yaw moment ``M_susp`` (N m). Outputs the yaw rate, the
+    lateral acceleration, both wheel speeds and the lateral displacement.
+    """
+    import control
+
+    p, v = wheelset, point.v
+    yaw, lateral, (track_yaw, track_lateral) = _rows(point, wheelset)
+    r_L, r_R = p.r0 + p.delta_r / 2.0, p.r0 - p.delta_r / 2.0
+    # Longitudinal creepages over the states (the track offset acts against y): each wheel's own spin, and
+    # the steering that has opposite signs at the two wheels.
+    steering = np.array([p.gamma / p.r0, 0.0, 0.0, p.L_g / v, 0.0, 0.0, 0.0])
+    creep_L, creep_R = steering.copy(), -steering
+    creep_L[4], creep_R[5] = r_L / v, r_R / v
+    twist = np.array([0.0, 0.0, 0.0, 0.0, -p.c_s, p.c_s, p.k_s])
+    spin_yaw = np.array([0.0] * 4 + [-r_L, r_R, 0.0]) * point.g11 * p.L_g / (v * p.I_w)
+    A = np.zeros((7, 7))
+    A[0, 2] = A[1, 3] = 1.0
+    A[2, :4], A[3, :4] = lateral, yaw
+    A[3] += spin_yaw
+    A[4] = (twist - r_L * point.g11 * creep_L) / p.I_L
+    A[5] = (-twist - r_R * point.g11 * creep_R) / p.I_R
+    A[6, 4], A[6, 5] = -1.0, 1.0
+    B = np.zeros((7, 4))
+    B[2:6, 0] = track_lateral, track_yaw, -A[4, 0], -A[5, 0]
+    B[5, 1], B[2, 2], B[3, 3] = 1.0 / p.I_R, 1.0 / p.m_w, 1.0 / p.I_w
+    C = np.eye(7)[[3, 0, 4, 5, 0]]
+    D = np.zeros((5, 4))
+    C[1], D[1] = A[2], B[2]
+    return control.ss(
+        A,
+        B,
+        C,
+        D,
+        states=["y", "psi", "y_dot", "psi_dot", "omega_L", "omega_R", "theta"],
+        inputs=["y_t", "T_t", "F_susp", "M_susp"],
+        outputs=["yaw_rate", "lateral_acceleration", "omega_L", "omega_R", "lateral_displacement"],
+        name="torque_driven_wheelset",
     )
 
 

@@ -37,12 +37,7 @@ class BareLoop(Contender):
 
     def run(self, n: int, *, record: bool) -> float:
         """Run the C loop."""
-        loop = self._loop
-        for i, (library, guid) in enumerate(self._libraries):
-            if loop.bare_open(i, str(library).encode(), guid.encode()):
-                raise RuntimeError(f"{library} cannot be opened")
-        if loop.bare_start():
-            raise RuntimeError("an FMU refused to leave initialisation mode")
+        loop = self.opened()
         begin = time.perf_counter()
         if record:
             times, rows = np.empty(n + 1), np.empty((n + 1, len(self.case.signals)))
@@ -56,6 +51,16 @@ class BareLoop(Contender):
         if record:
             self._rows = rows
         return seconds
+
+    def opened(self) -> ctypes.CDLL:
+        """Return the loop with both FMUs ready for their first step."""
+        loop = self._loop
+        for i, (library, guid) in enumerate(self._libraries):
+            if loop.bare_open(i, str(library).encode(), guid.encode()):
+                raise RuntimeError(f"{library} cannot be opened")
+        if loop.bare_start():
+            raise RuntimeError("an FMU refused to leave initialisation mode")
+        return loop
 
     def trajectory(self) -> Trajectory:
         """Return the recorded rows after the first."""

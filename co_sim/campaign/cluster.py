@@ -78,7 +78,7 @@ def _existing(address: str, workers: int) -> Iterator[Client]:
         ) from None
     with client:
         try:
-            client.wait_for_workers(workers, timeout="30s")
+            client.wait_for_workers(workers, timeout=30.0)
         except TimeoutError:
             raise InputError(
                 f"--scheduler {address}",

@@ -31,6 +31,9 @@ _ATTEMPTS = 2
 class ClusterLostError(Exception):
     """The scheduler no longer answers; what had been computed is in the journal."""
 
+    def __init__(self) -> None:
+        super().__init__("the scheduler no longer answers")
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
@@ -135,6 +138,8 @@ def _finished(client: Client, running: Iterable[Future[Entry]]) -> list[Future[E
     while True:
         try:
             return list(wait(list(running), timeout=_PATIENCE, return_when="FIRST_COMPLETED").done)
+        except CancelledError:
+            raise ClusterLostError from None
         except TimeoutError:
             if client.status != "running":
                 raise ClusterLostError from None

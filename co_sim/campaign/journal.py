@@ -81,6 +81,10 @@ class Journal:
         self._write(asdict(entry))
         self.entries[entry.case] = entry
 
+    def forget_failed(self) -> None:
+        """Take failed cases for not computed; what is computed for them then replaces the failure."""
+        self.entries = {number: e for number, e in self.entries.items() if e.status == "done"}
+
     def _write(self, line: Mapping[str, Any]) -> None:
         self._file.write(json.dumps(line, allow_nan=False).encode() + b"\n")
         self._file.flush()

@@ -10,7 +10,7 @@ import hashlib
 import itertools
 import json
 import math
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -29,9 +29,10 @@ class _Table(BaseModel):
 
 
 class Case(_Table):
-    """One case: values by name, and a seed for whatever else is random in it."""
+    """One case: its values by name, their variant, and a seed for whatever else is random in it."""
 
     number: int
+    variant: str = ""
     values: dict[str, Value]
     seed: int
 
@@ -69,10 +70,11 @@ class Draw(_Table):
 
 
 class Plan(_Table):
-    """The cases of a campaign: every combination of the grid, `repeat` times, with draws and fixed values.
+    """The cases of a campaign: every variant of every combination of the grid, `repeat` times.
 
-    Cases that differ only in the quantities of `common` share their draws and their seed: what differs in
-    their results is then due to those quantities, and far fewer cases show it.
+    Cases that differ only in their variant, or in the quantities of `common`, share their draws and their
+    seed: what differs in their results is then due to those quantities, and far fewer cases show it.
+    A value of a variant replaces what a draw or `fixed` says.
     """
 
     seed: Annotated[int, Field(ge=0)] = Field(1, description="from which all random numbers follow")
@@ -80,6 +82,7 @@ class Plan(_Table):
     grid: dict[str, tuple[Value, ...]] = Field({}, description="values of each quantity, all combinations")
     draw: dict[str, Draw] = Field({}, description="quantities drawn anew for each case")
     fixed: dict[str, Value] = Field({}, description="quantities that are the same in all cases")
+    variant: dict[str, dict[str, Value]] = Field({}, description="values that each variant has, by its name")
     common: tuple[str, ...] = Field((), description="quantities of the grid whose cases share random numbers")
 
     @model_validator(mode="after")
@@ -95,6 +98,9 @@ class Plan(_Table):
                 raise _fault(
                     f"grid.{name} = {list(values)}", "distinct values, at least one", "mend the list"
                 )
+        crossed = sorted({name for values in self.variant.values() for name in values} & set(self.grid))
+        if crossed:
+            raise _fault(f"{', '.join(crossed)} in grid and in a variant", "one place", "keep one")
         strange = [name for name in self.common if name not in self.grid]
         if strange:
             raise _fault(
@@ -110,30 +116,42 @@ class Plan(_Table):
     @property
     def size(self) -> int:
         """Number of cases."""
-        return self.repeat * math.prod(map(len, self.grid.values()))
+        return self.repeat * math.prod(map(len, self.grid.values())) * len(self._variants)
 
     @property
     def key(self) -> str:
         """Hash of all that decides what the cases are."""
-        return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(self.plan_only, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def plan_only(self) -> dict[str, Any]:
+        """What decides the cases and their results."""
+        return self.model_dump(mode="json")
 
     def cases(self) -> Iterator[Case]:
         """Yield all cases; the repetitions of a point of the grid follow each other."""
         counts = [len(values) for values in self.grid.values()]
         places = itertools.product(*(range(n) for n in counts), range(self.repeat))
-        for number, place in enumerate(places):
+        for number, (place, variant) in enumerate(itertools.product(places, self._variants)):
             values = {name: self.grid[name][i] for name, i in zip(self.grid, place, strict=False)}
             # The place without the quantities in common is what random numbers depend on.
             drawn_at = [0 if name in self.common else i for name, i in zip(self.grid, place, strict=False)]
-            yield self._case(number, values, (*drawn_at, place[-1]))
+            yield self._case(number, variant, values, (*drawn_at, place[-1]))
 
-    def _case(self, number: int, values: dict[str, Value], place: tuple[int, ...]) -> Case:
+    @property
+    def _variants(self) -> tuple[str, ...]:
+        return tuple(self.variant) or ("",)
+
+    def _case(self, number: int, variant: str, values: dict[str, Value], place: tuple[int, ...]) -> Case:
         drawn = {
             name: draw.sample(np.random.default_rng(self._seed(f"draw {name}", place)))
             for name, draw in self.draw.items()
         }
         seed = int(self._seed("case", place).generate_state(1)[0])
-        return Case(number=number, values={**values, **drawn, **self.fixed}, seed=seed)
+        own = self.variant.get(variant, {})
+        return Case(
+            number=number, variant=variant, values={**values, **drawn, **self.fixed, **own}, seed=seed
+        )
 
     def _seed(self, purpose: str, place: tuple[int, ...]) -> np.random.SeedSequence:
         # The length keeps purposes of any length apart from the place behind them.

@@ -19,12 +19,13 @@ __all__ = ["rows", "write_parquet"]
 def rows(cases: Iterable[Case], journal: Journal) -> list[dict[str, Any]]:
     """Return a row for each case that has a result, in the order of the plan.
 
-    Columns: ``case``, ``seed``, ``status``, ``reason``, the values, the record.
+    Columns: ``case``, ``variant``, ``seed``, ``status``, ``reason``, the values, the record.
     The time that a case took is in the journal alone, so that the same study gives the same file.
     """
     return [
         {
             "case": case.number,
+            "variant": case.variant,
             "seed": case.seed,
             "status": entry.status,
             "reason": entry.reason,

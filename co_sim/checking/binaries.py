@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from fmpy import fmi2, fmi3
 
 from co_sim.archives import DEFAULT_LIMITS, contents, read_entry
 from co_sim.checking.findings import Finding
-from co_sim.checking.shared_library import missing_here, read_library
+from co_sim.checking.shared_library import SharedLibrary, missing_here, read_libraries
 from co_sim.errors import InputError
 from co_sim.fmi import platforms_of, this_platform
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from co_sim.checking.shared_library import SharedLibrary
     from co_sim.fmu_elements import Declaration
 
 __all__ = ["binary_findings"]
@@ -67,19 +68,22 @@ def binary_findings(path: Path, declaration: Declaration) -> Iterator[Finding]:
                 f"needs {tool} to be installed, and licensed where it asks for that (needsExecutionTool)"
             )
             yield Finding("warning", _TOPIC, kind, message)
-    for platform in found:
-        expected = _expected(platform)
+    places = {platform: _expected(platform) for platform in found}
+    asked = [_place(name, i, expected) for name, expected in places.items() if expected for i in wanted]
+    libraries = _libraries(path, [name for name in asked if name in names])
+    for platform, expected in places.items():
         if expected is None:
             yield Finding("warning", _TOPIC, f"binaries/{platform}", "no platform of this version of FMI")
             continue
         for identifier, kinds in wanted.items():
-            name = f"binaries/{platform}/{identifier}{expected[0]}"
+            name = _place(platform, identifier, expected)
             if name not in names:
                 yield Finding("error", _TOPIC, name, f"is missing; {' and '.join(kinds)} needs it")
                 continue
-            library = _read(path, name)
-            if library is None:
-                yield Finding("error", _TOPIC, name, "is no shared library that can be read")
+            library = libraries[name]
+            if not isinstance(library, SharedLibrary):
+                message = library or "is no shared library that can be read"
+                yield Finding("error", _TOPIC, name, message)
                 continue
             yield from _library(name, library, expected, kinds, declaration.version)
             if platform == here:
@@ -87,11 +91,23 @@ def binary_findings(path: Path, declaration: Declaration) -> Iterator[Finding]:
                     yield Finding("error", _TOPIC, name, missing)
 
 
-def _read(path: Path, name: str) -> SharedLibrary | None:
-    try:
-        return read_library(read_entry(path, name, _LIMITS))
-    except InputError:  # told with the damage of the archive
-        return None
+def _place(platform: str, identifier: str, expected: tuple[str, str, str]) -> str:
+    """Return where the library of an interface type for a platform is."""
+    return f"binaries/{platform}/{identifier}{expected[0]}"
+
+
+def _libraries(path: Path, names: Sequence[str]) -> dict[str, SharedLibrary | str | None]:
+    """Return what entries are, by their names; see `read_libraries`."""
+    found: dict[str, SharedLibrary | str | None] = dict.fromkeys(names)
+    with TemporaryDirectory(prefix="libraries_") as folder:
+        files: dict[str, Path] = {}
+        for i, name in enumerate(names):
+            file = Path(folder, str(i))
+            with suppress(InputError):  # Told with the damage of the archive.
+                file.write_bytes(read_entry(path, name, _LIMITS))
+                files[name] = file
+        found.update(zip(files, read_libraries(list(files.values())), strict=True))
+    return found
 
 
 def _not_here(names: Mapping[str, object], found: list[str], here: str) -> str:

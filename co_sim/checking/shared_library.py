@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import posixpath
 import re
+import signal
 import subprocess
+import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import lief
-
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Sequence
 
-__all__ = ["SharedLibrary", "missing_here", "read_library"]
+__all__ = ["SharedLibrary", "missing_here", "read_libraries"]
 
 _FOLDERS = ("/lib", "/usr/lib", "/lib64", "/usr/lib64", "/usr/local/lib")
-_GLIBC = re.compile(r"GLIBC_(\d+)\.(\d+)")
-_SEARCH = (lief.ELF.DynamicEntryRunPath, lief.ELF.DynamicEntryRpath)
+#: The program that reads, what it may take for that beyond the size of a library (bytes), and its time, s.
+_READER = Path(__file__).with_name("library_reader.py")
+_MEMORY, _TIME = 1 << 30, 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,35 +49,67 @@ class SharedLibrary:
     glibc: tuple[int, int] | None = None
 
 
-def read_library(data: bytes) -> SharedLibrary | None:
-    """Return what the bytes of a file tell; ``None`` if they are no shared library or a damaged one."""
-    lief.logging.disable()
+def read_libraries(files: Sequence[Path]) -> Iterator[SharedLibrary | str | None]:
+    """Read files in a process of its own, which a library that is made for it may crash.
+
+    Parameters
+    ----------
+    files : the files, unpacked.
+
+    Returns
+    -------
+    For each file what it is; ``None`` if it is no shared library or a damaged one; a text that says what
+    happened if reading it failed.
+    """
+    left = list(files)
+    while left:
+        answers, end = _answers(left)
+        for answer in answers:
+            left.pop(0)
+            yield _library(answer) if isinstance(answer, dict) else answer
+        if left:
+            left.pop(0)
+            yield f"cannot be read safely: the process that read it {end}"
+
+
+def _answers(files: Sequence[Path]) -> tuple[list[Any], str]:
+    """Return the answers of the reader, as many as it gave, and how it ended."""
+    memory = _MEMORY + 8 * max(file.stat().st_size for file in files)
+    # Modules are not looked for beside it, where they belong to this package.
+    command = [sys.executable, "-P", str(_READER), str(memory), str(_TIME), *map(str, files)]
+    child = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
     try:
-        return _read(data)
-    except Exception:  # names that are no text, offsets that lead nowhere: lief raises what comes to it
-        return None
+        told, _ = child.communicate(timeout=_TIME)
+        end = _death(child.returncode)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        told, _ = child.communicate()
+        end = f"did not come back within {_TIME:g} s"
+    answers: list[Any] = []
+    with suppress(ValueError):  # The last line may be half a line.
+        answers += map(json.loads, told.decode(errors="replace").splitlines())
+    return answers[: len(files)], end
 
 
-def _read(data: bytes) -> SharedLibrary | None:
-    if lief.is_macho(list(data[:4096])):
-        fat = lief.MachO.parse(list(data))
-        return _joined(list(fat)) if fat is not None and len(fat) else None
-    parsed = lief.parse(data)
-    if not isinstance(parsed, lief.ELF.Binary | lief.PE.Binary):
-        return None
-    binary: Any = parsed
-    if isinstance(parsed, lief.PE.Binary):
-        return SharedLibrary(
-            "PE", _machines([binary]), _exports([binary]), tuple(map(_name, binary.libraries))
-        )
-    paths = [entry for entry in binary.dynamic_entries if isinstance(entry, _SEARCH)]
+def _death(status: int) -> str:
+    if status >= 0:
+        return f"ended with exit code {status}"
+    with suppress(ValueError):
+        return f"was ended by {signal.Signals(-status).name}"
+    return f"was ended by signal {-status}"
+
+
+def _library(told: dict[str, Any]) -> SharedLibrary:
+    glibc = told.get("glibc")
     return SharedLibrary(
-        "ELF",
-        _machines([binary]),
-        _exports([binary]),
-        tuple(map(_name, binary.libraries)),
-        tuple(_name(folder) for entry in paths for folder in entry.paths),
-        max(_glibc_versions(binary), default=None),
+        told["format"],
+        frozenset(told["machines"]),
+        frozenset(told["exports"]),
+        tuple(told["needs"]),
+        tuple(told.get("search", ())),
+        None if glibc is None else (glibc[0], glibc[1]),
     )
 
 
@@ -104,40 +139,11 @@ def missing_here(library: SharedLibrary, path: str, archive: Collection[str]) ->
         yield f"needs glibc {library.glibc[0]}.{library.glibc[1]}, but this machine has {version}"
 
 
-def _joined(binaries: list[Any]) -> SharedLibrary:
-    """Return a universal library, of which the parts for all processors have to offer a function."""
-    needs = tuple(_name(library.name) for library in binaries[0].libraries)
-    exports = frozenset(name.removeprefix("_") for name in _exports(binaries))
-    return SharedLibrary("MACHO", _machines(binaries), exports, needs)
-
-
-def _machines(binaries: list[Any]) -> frozenset[str]:
-    return frozenset(binary.abstract.header.architecture.__name__ for binary in binaries)
-
-
-def _exports(binaries: list[Any]) -> frozenset[str]:
-    return frozenset.intersection(
-        *(frozenset(_name(f.name) for f in b.abstract.exported_functions) for b in binaries)
-    )
-
-
-def _name(name: str | bytes) -> str:
-    """Return a name as text; lief gives bytes where it is none."""
-    return name if isinstance(name, str) else name.decode(errors="replace")
-
-
 def _is_file(folder: str, name: str) -> bool:
     try:
         return Path(folder, name).is_file()
     except OSError:  # a name that is too long
         return False
-
-
-def _glibc_versions(binary: Any) -> Iterator[tuple[int, int]]:
-    for requirement in binary.symbols_version_requirement:
-        for symbol in requirement.get_auxiliary_symbols():
-            if found := _GLIBC.fullmatch(".".join(_name(symbol.name).split(".")[:2])):
-                yield int(found[1]), int(found[2])
 
 
 def _version(text: str) -> tuple[int, int]:

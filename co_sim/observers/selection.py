@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from co_sim.errors import Fault, InputError, suggestion
+from co_sim.errors import InputError
+from co_sim.patterns import matching
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,10 +28,7 @@ class Selection:
 
     Parameters
     ----------
-    patterns : names of signals with the wildcards ``*`` (any text) and ``?`` (any character), such as
-        ``"plant.*"``; one string or several. A pattern that begins with ``!`` takes signals out again,
-        wherever it stands; with such patterns alone all other signals are chosen. Brackets stand for
-        themselves: ``"plant.x[1,*]"`` is the first row of an array.
+    patterns : names of signals, such as ``"plant.*"``, see `co_sim.patterns.matching`; one string or several.
     every : take row 0 and every so many.
 
     Raises
@@ -53,15 +50,7 @@ class Selection:
         InputError
             If a pattern matches no signal; all such patterns are told.
         """
-        wanted = [pattern for pattern in self.patterns if not pattern.startswith("!")]
-        unwanted = [pattern[1:] for pattern in self.patterns if pattern.startswith("!")]
-        names = [signal.name for signal in signals]
-        faults = [_fault(pattern, names) for pattern in wanted + unwanted if not _matching([pattern], names)]
-        if faults:
-            raise InputError.from_faults(faults)
-        if unwanted and not wanted:
-            wanted = ["*"]
-        chosen = sorted(_matching(wanted, names) - _matching(unwanted, names))
+        chosen = matching(self.patterns, [signal.name for signal in signals])
         return Window(tuple(signals[i] for i in chosen), _columns(chosen), self.every)
 
 
@@ -101,21 +90,6 @@ def check_every(every: int) -> None:
         raise InputError(
             "every", got=f"{every}", expected="an integer >= 1", remedy="use 1 for all communication points"
         )
-
-
-def _matching(patterns: Sequence[str], names: Sequence[str]) -> set[int]:
-    """Return the indices of the names that match any pattern."""
-    expression = "|".join(re.escape(pattern).replace(r"\*", ".*").replace(r"\?", ".") for pattern in patterns)
-    match = re.compile(expression, re.DOTALL).fullmatch
-    return {i for i, name in enumerate(names) if patterns and match(name)}
-
-
-def _fault(pattern: str, names: Sequence[str]) -> Fault:
-    # "plnt.*" resembles "plant.*" more than the name of any single signal.
-    whole = dict.fromkeys(f"{name.partition('.')[0]}.*" for name in names) if "*" in pattern else {}
-    return Fault(
-        f'pattern "{pattern}"', "no match", "at least one signal", suggestion(pattern, [*whole, *names])
-    )
 
 
 def _columns(chosen: Sequence[int]) -> slice | NDArray[np.intp]:

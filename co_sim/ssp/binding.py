@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,18 +12,18 @@ from co_sim.fmu_parameters import sizes_of
 from co_sim.fmu_variables import kind_of, shape_of
 from co_sim.ssp.chain import Chain, MismatchError
 from co_sim.ssp.elements import Linear, SystemElement
-from co_sim.ssp.network import Pin
+from co_sim.ssp.network import NO_UNIT, Pin
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from co_sim.component import Scalar
     from co_sim.fmu_parameters import Value
-    from co_sim.ssp.elements import Element, Parameter, Path, Transformation, Values
+    from co_sim.ssp.elements import Element, Measure, Parameter, Path, Transformation, Values
     from co_sim.ssp.fmus import Fmu
     from co_sim.ssp.network import Edge, Network
 
-__all__ = ["Bound", "bind"]
+__all__ = ["Bound", "Reach", "bind", "reaches"]
 
 _REALS = frozenset({"float64", "float32"})
 
@@ -37,14 +38,37 @@ def bind(network: Network) -> Bound:
     same level. Names that nothing in the system has are passed over, as the standard has it.
     """
     flat: dict[Path, dict[str, tuple[Parameter, Values]]] = defaultdict(dict)
+    for reach in reaches(network):
+        for pin, edges in reach.targets:
+            values = _converted(network, reach.parameter, pin, edges)
+            if values is not None:
+                flat[pin.path][pin.name] = (reach.parameter, values)
+    return {path: _shaped(network.fmus[path], found) for path, found in flat.items()}
+
+
+class Reach(NamedTuple):
+    """What a bound parameter sets.
+
+    Parameters
+    ----------
+    path : of the element with the binding. source : the file with the value; empty for one in place.
+    parameter : its name and value.
+    targets : variables of FMUs, each with the connections on the way to it.
+    """
+
+    path: Path
+    source: str
+    parameter: Parameter
+    targets: tuple[tuple[Pin, tuple[Edge, ...]], ...]
+
+
+def reaches(network: Network) -> Iterator[Reach]:
+    """Return what each bound parameter sets; one that counts comes after those that it overrides."""
     for path, element in _from_the_innermost(network.root, ()):
         for binding in element.bindings:
-            for parameter in binding:
-                for pin, edges in _targets(network, element, path, parameter.name):
-                    values = _converted(network, parameter, pin, edges)
-                    if values is not None:
-                        flat[pin.path][pin.name] = (parameter, values)
-    return {path: _shaped(network.fmus[path], found) for path, found in flat.items()}
+            for parameter in binding.parameters:
+                targets = tuple(_targets(network, element, path, parameter.name))
+                yield Reach(path, binding.source, parameter, targets)
 
 
 def _from_the_innermost(element: Element, path: Path) -> Iterator[tuple[Path, Element]]:
@@ -84,26 +108,37 @@ def _behind(network: Network, pin: Pin, edges: tuple[Edge, ...]) -> Iterator[tup
 
 def _converted(network: Network, parameter: Parameter, pin: Pin, edges: tuple[Edge, ...]) -> Values | None:
     """Return the values in the unit of the variable, transformed by the mapping and on the way."""
-    chain = Chain(parameter.measure)
-    values = parameter.values
-    steps: list[tuple[Pin, Transformation, bool]] = [
-        (edges[0].source if edges else pin, parameter.transformation, parameter.suppress),
-        *((edge.target, edge.wire.transformation, edge.wire.suppress) for edge in edges),
-    ]
     try:
-        for place, transformation, suppress in steps:
-            linear = transformation if isinstance(transformation, Linear) else Linear()
-            chain = chain.to(network.measure(place), linear, suppress=suppress)
-            if not isinstance(transformation, Linear):
-                values = tuple(transformation.table.get(value, value) for value in values)
-        total = chain.to(network.port_measure(pin)).total
+        return _through(network, parameter, parameter.measure, pin, edges)
     except MismatchError as error:
+        if parameter.measure and parameter.measure.name in NO_UNIT:
+            # A tool that knows no unit writes one of these; then there is nothing to convert.
+            with suppress(MismatchError):
+                return _through(network, parameter, None, pin, edges)
         parameter.node.fault(
             f"units that do not fit: {error}",
             "the unit of the parameter",
             "correct it, or say suppressUnitConversion",
         )
         return None
+
+
+def _through(
+    network: Network, parameter: Parameter, measure: Measure | None, pin: Pin, edges: tuple[Edge, ...]
+) -> Values | None:
+    """Return the values that begin with this unit; a `MismatchError` tells which two do not fit."""
+    chain = Chain(measure)
+    values = parameter.values
+    steps: list[tuple[Pin, Transformation, bool]] = [
+        (edges[0].source if edges else pin, parameter.transformation, parameter.suppress),
+        *((edge.target, edge.wire.transformation, edge.wire.suppress) for edge in edges),
+    ]
+    for place, transformation, unconverted in steps:
+        linear = transformation if isinstance(transformation, Linear) else Linear()
+        chain = chain.to(network.measure(place), linear, suppress=unconverted)
+        if not isinstance(transformation, Linear):
+            values = tuple(transformation.table.get(value, value) for value in values)
+    total = chain.to(network.port_measure(pin)).total
     if total == Linear():
         return values
     if any(isinstance(value, str | bool) for value in values):

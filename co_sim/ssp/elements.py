@@ -63,10 +63,18 @@ Transformation = Linear | Mapped
 
 @dataclass(frozen=True)
 class Connector:
-    """A connector of an element; the measure is ``None`` where the document tells no unit."""
+    """A connector of an element.
+
+    Parameters
+    ----------
+    name, kind : as declared. type : of its values, as ``"Real"``; empty if the document does not tell.
+    measure : ``None`` where the document tells no unit.
+    node : to be named in messages.
+    """
 
     name: str
     kind: str
+    type: str
     measure: Measure | None
     node: Node
 
@@ -95,8 +103,11 @@ class Parameter:
     node: Node
 
 
-#: The parameters of one parameter binding.
-Binding = tuple[Parameter, ...]
+class Binding(NamedTuple):
+    """The parameters of one parameter binding; `source` is the file that holds them, or empty."""
+
+    source: str
+    parameters: tuple[Parameter, ...]
 
 
 class End(NamedTuple):
@@ -145,8 +156,12 @@ class Reference(Element):
 
 @dataclass
 class SystemElement(Element):
-    """A system: its elements, the connections between them, and its signal dictionaries."""
+    """A system: its elements, the connections between them, and its signal dictionaries.
 
+    `node` is where it stands in the system around it, and `inside` where it is described.
+    """
+
+    inside: Node | None = None
     elements: dict[str, Element] = field(default_factory=dict)
     wires: list[Wire] = field(default_factory=list)
     dictionaries: dict[str, dict[str, Measure | None]] = field(default_factory=dict)

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from co_sim.ssp.elements import Element, End, Path, Wire
     from co_sim.ssp.fmus import Fmu
 
-__all__ = ["GIVING", "Edge", "Network", "Pin", "Route"]
+__all__ = ["GIVING", "NO_UNIT", "Edge", "Network", "Pin", "Route"]
 
 #: Kinds of connectors whose values come out of an element; those of a system's own go out of it.
 GIVING = frozenset({"output", "calculatedParameter", "constant", "local", "independent"})
 _TAKING = frozenset({"input", "parameter", "structuralParameter"})
 _PARAMETERS = frozenset({"parameter", "structuralParameter"})
-#: A unit that a connector has when its tool knows none.
-_NO_UNIT = frozenset({"1", "-"})
+#: A unit that a connector or a parameter has when its tool knows none.
+NO_UNIT = frozenset({"1", "-"})
 
 
 class Pin(NamedTuple):
@@ -37,13 +37,23 @@ class Pin(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """A connection in the direction of its values; an index restricts it to an element of an array."""
+    """A connection in the direction of its values; an index restricts it to an element of an array.
+
+    The end of the wire at the source is its start, unless it `is_reversed`.
+    """
 
     source: Pin
     source_index: str
     target: Pin
     target_index: str
     wire: Wire
+    is_reversed: bool
+
+    @property
+    def ends(self) -> tuple[End, End]:
+        """Its ends as they are written, the source first."""
+        start, end = self.wire.start, self.wire.end
+        return (end, start) if self.is_reversed else (start, end)
 
 
 class Route(NamedTuple):
@@ -71,9 +81,14 @@ class Network:
     outgoing: dict[Pin, list[Edge]] = field(default_factory=lambda: defaultdict(list), init=False)
     elements: dict[Path, Element] = field(default_factory=dict, init=False)
     _entries: dict[Pin, Measure | None] = field(default_factory=dict, init=False)
+    _by_wire: dict[int, Edge] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self._add(self.root, (), {})
+
+    def edge_of(self, wire: Wire) -> Edge | None:
+        """Return a connection in the direction of its values; ``None`` if it has a fault."""
+        return self._by_wire.get(id(wire))
 
     def routes(self, pin: Pin, seen: tuple[Pin, ...] = ()) -> Iterator[Route]:
         """Return the ways that lead to a connector, each from a component or a loose end."""
@@ -122,7 +137,16 @@ class Network:
         """Return what happens to numbers on a way to the connector at its end; ``None`` for a fault told."""
         chain = Chain(None)
         if route.source.path in self.fmus:
-            chain = Chain(self.port_measure(route.source)).to(self.measure(route.source))
+            try:
+                chain = Chain(self.port_measure(route.source)).to(self.measure(route.source))
+            except MismatchError as error:
+                connector = self.elements[route.source.path].connectors[route.source.name]
+                connector.node.fault(
+                    f"units that do not fit: {error}",
+                    "a unit of the same dimension as that of the FMU",
+                    "correct the unit of the connector",
+                )
+                return None
         else:
             chain = Chain(self._declared(route.source))
         for edge in route.edges:
@@ -156,7 +180,7 @@ class Network:
     def measure(self, pin: Pin) -> Measure | None:
         """Return the unit of a connector, unless it says nothing where the FMU says something."""
         declared = self._declared(pin)
-        if pin.path in self.fmus and (declared is None or declared.name in _NO_UNIT):
+        if pin.path in self.fmus and (declared is None or declared.name in NO_UNIT):
             return self.port_measure(pin)
         return declared
 
@@ -176,6 +200,7 @@ class Network:
             if edge is not None:
                 self.incoming[edge.target].append(edge)
                 self.outgoing[edge.source].append(edge)
+                self._by_wire[id(wire)] = edge
                 self._check_single(edge)
 
     def _check_single(self, edge: Edge) -> None:
@@ -209,7 +234,7 @@ class Network:
         (source, target), (first, second) = [pins[i] for i in order], [ends[i] for i in order]
         assert source is not None
         assert target is not None
-        return Edge(source, first.indices, target, second.indices, wire)
+        return Edge(source, first.indices, target, second.indices, wire, order == (1, 0))
 
     def _pin(
         self, wire: Wire, end: End, system: SystemElement, path: Path, dictionaries: Mapping[str, Path]
@@ -218,11 +243,8 @@ class Network:
             return Pin(path, end.connector)
         element = system.elements.get(end.element)
         if element is None:
-            # A component without a source, or of a type that cannot be run, has its fault already.
-            names = [node.get("name") for node in system.node.grandchildren("Elements", "Component")]
-            if end.element not in names:
-                remedy = suggestion(end.element, system.elements)
-                wire.node.fault(f'an unknown element "{end.element}"', "an element of this system", remedy)
+            remedy = suggestion(end.element, system.elements)
+            wire.node.fault(f'an unknown element "{end.element}"', "an element of this system", remedy)
             return None
         if isinstance(element, Reference):
             if element.dictionary not in dictionaries:
@@ -236,7 +258,7 @@ class Network:
 
     def _side(self, wire: Wire, end: End, pin: Pin, element: Element | None) -> str | None:
         """Return whether values come out of an end, or go into it: a source, a target, or either."""
-        if isinstance(element, Component) and pin.path not in self.fmus:
+        if isinstance(element, Component) and not (pin.path in self.fmus or self.kind(pin)):
             # The FMU could not be read, which its own fault tells.
             return None
         if isinstance(element, Reference):

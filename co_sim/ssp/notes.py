@@ -71,8 +71,9 @@ def ports_of(component: Node) -> Ports:
     if xml.get("method"):
         integration["method"] = xml.get("method")
     try:
-        if xml.get("substep"):
-            integration["substep"] = float(xml.get("substep"))
+        for name in ("substep", "tolerance"):
+            if xml.get(name):
+                integration[name] = float(xml.get(name))
     except ValueError as error:
         component.fault(f"an annotation {TYPE} that cannot be read: {error}", "one as it was written")
     inputs, outputs = (

@@ -10,6 +10,7 @@ from urllib.parse import unquote, urlsplit
 from co_sim.errors import InputError
 from co_sim.ssp.document import Faults, Node, parse
 from co_sim.ssp.elements import (
+    Binding,
     Component,
     Connector,
     Element,
@@ -25,7 +26,7 @@ from co_sim.ssp.values import measure_of, parameters_of, transformation_of, unit
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from co_sim.ssp.elements import Binding, Measure
+    from co_sim.ssp.elements import Measure
     from co_sim.units import Unit
 
 __all__ = ["Structure", "read_structure"]
@@ -123,13 +124,11 @@ def _root_system(document: _Document) -> SystemElement | None:
 
 
 def _system(node: Node, document: _Document) -> SystemElement:
-    system = SystemElement(node.required("name"), node)
-    _fill(system, document, None)
+    system = SystemElement(node.required("name"), node, _connectors(node, document), inside=node)
+    _bind(system, document, None)
     elements = node.child("Elements")
     for child in elements.children("Component", "System", "SignalDictionaryReference") if elements else ():
         element = _element(child, document)
-        if element is None:
-            continue
         if element.name in system.elements:
             child.fault("a second element of this name", "one", "rename one of the two")
         system.elements[element.name] = element
@@ -139,53 +138,46 @@ def _system(node: Node, document: _Document) -> SystemElement:
     return system
 
 
-def _element(node: Node, document: _Document) -> Element | None:
+def _element(node: Node, document: _Document) -> Element:
     if node.tag == "System":
         return _system(node, document)
     if node.tag == "SignalDictionaryReference":
-        reference = Reference(node.required("name"), node, dictionary=node.required("dictionary"))
-        _fill(reference, document, None)
-        return reference
+        name, dictionary = node.required("name"), node.required("dictionary")
+        return Reference(name, node, _connectors(node, document), dictionary=dictionary)
     return _component(node, document)
 
 
-def _component(node: Node, document: _Document) -> Element | None:
+def _component(node: Node, document: _Document) -> Element:
+    """Return a component, without an FMU if it has none that can be had."""
     source = node.given("source")
     kind = node.get("type", _FMU).partition(";")[0].strip()
+    component = Component(node.required("name"), node, _connectors(node, document))
     if source is None:
         node.fault("no source", "one, as a component without an implementation cannot run", "add an FMU")
-        return None
+        return component
     if kind not in {_FMU, _SSD, _SSP}:
         node.fault(f'the type "{kind}"', f"one of {_FMU}, {_SSD}, {_SSP}", "export it as an FMU")
-        return None
+        return component
     is_fmu = kind == _FMU and not urlsplit(source).path.lower().endswith((".ssp", ".ssd"))
-    found: Element | None = None
     with _told(node):
-        found = _fmu(node, source, document) if is_fmu else _nested(node, source, document)
-    return found  # noqa: RET504 - still None after an error
-
-
-def _fmu(node: Node, source: str, document: _Document) -> Component:
-    component = Component(
-        node.required("name"),
-        node,
-        fmu=document.place.file(source),
-        implementation=node.choice("implementation", _IMPLEMENTATIONS, "any"),
-    )
-    _fill(component, document, component.fmu)
+        if not is_fmu:
+            return _nested(component, source, document) or component
+        component.fmu = document.place.file(source)
+        component.implementation = node.choice("implementation", _IMPLEMENTATIONS, "any")
+        _bind(component, document, component.fmu)
     return component
 
 
-def _nested(node: Node, source: str, document: _Document) -> Element | None:
+def _nested(component: Component, source: str, document: _Document) -> SystemElement | None:
     """Return the system that a component refers to, with the component's own name and bindings."""
+    node = component.node
     fragment = unquote(urlsplit(source).fragment)
-    outer = SystemElement(node.required("name"), node)
     if not urlsplit(source).path:
+        _bind(component, document, None)
         system = _same_document(node, fragment, document)
-        _fill(outer, document, None)
     else:
         file = document.place.file(source)
-        _fill(outer, document, file)
+        _bind(component, document, file)
         place = open_place(file, f"{document.place.name}/{file.path.name}", document.place)
         name = (fragment or DEFAULT) if place.folder != file.path.parent else file.path.name
         if str(place.folder / name) in document.around or len(document.around) > 20:
@@ -195,10 +187,10 @@ def _nested(node: Node, source: str, document: _Document) -> Element | None:
         system = None if opened is None else _root_system(opened)
     if system is None:
         return None
-    system.name, system.node = outer.name, node
+    system.name, system.node = component.name, node
     # The component's own bindings come after those of the system it stands for.
-    system.bindings.extend(outer.bindings)
-    system.connectors = system.connectors | outer.connectors
+    system.bindings.extend(component.bindings)
+    system.connectors = system.connectors | component.connectors
     return system
 
 
@@ -218,16 +210,23 @@ def _same_document(node: Node, fragment: str, document: _Document) -> SystemElem
     return None
 
 
-def _fill(element: Element, document: _Document, file: PackedFile | None) -> None:
-    """Add connectors and parameter bindings."""
-    for node in element.node.grandchildren("Connectors", "Connector"):
-        typed = next(node.children(*_TYPES), None)
-        kind = node.choice("kind", _KINDS, "unspecified")
-        measure = measure_of(typed, document.units)
-        name = node.required("name")
-        if name in element.connectors:
-            node.fault("a second connector of this name", "one")
-        element.connectors[name] = Connector(name, kind, measure, node)
+def _connectors(node: Node, document: _Document) -> dict[str, Connector]:
+    """Return the connectors of an element."""
+    found: dict[str, Connector] = {}
+    for child in node.grandchildren("Connectors", "Connector"):
+        typed = next(child.children(*_TYPES), None)
+        kind = child.choice("kind", _KINDS, "unspecified")
+        name = child.required("name")
+        if name in found:
+            child.fault("a second connector of this name", "one")
+        found[name] = Connector(
+            name, kind, typed.tag if typed else "", measure_of(typed, document.units), child
+        )
+    return found
+
+
+def _bind(element: Element, document: _Document, file: PackedFile | None) -> None:
+    """Add the parameter bindings of an element."""
     for node in element.node.grandchildren("ParameterBindings", "ParameterBinding"):
         with _told(node):
             element.bindings.append(_binding(node, document, file))
@@ -237,9 +236,10 @@ def _binding(node: Node, document: _Document, file: PackedFile | None) -> Bindin
     values = _content(node, node.child("ParameterValues"), "ParameterSet", document, file)
     mapping = node.child("ParameterMapping")
     mapped = _content(mapping, mapping, "ParameterMapping", document, file) if mapping else None
+    source = unquote(node.get("source"))
     if values is None or (mapping and mapped is None):
-        return ()
-    return parameters_of(values, node.get("prefix"), mapped)
+        return Binding(source, ())
+    return Binding(source, parameters_of(values, node.get("prefix"), mapped))
 
 
 def _content(

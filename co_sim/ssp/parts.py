@@ -26,7 +26,11 @@ __all__ = ["make_parts", "note"]
 
 
 def make_parts(
-    network: Network, components: Mapping[Path, Component], bound: Bound, fed: Collection[Pin]
+    network: Network,
+    components: Mapping[Path, Component],
+    bound: Bound,
+    fed: Collection[Pin],
+    tolerance: float | None,
 ) -> dict[str, FmuComponent]:
     """Return the components by name; what is wrong with one is noted as a fault of it.
 
@@ -36,6 +40,7 @@ def make_parts(
     components : the elements of those FMUs that could be read, by path.
     bound : values of their parameters.
     fed : inputs with a connection.
+    tolerance : of all FMUs; ``None`` is what the document or the FMU tells.
     """
     parts: dict[str, FmuComponent] = {}
     for path, item in components.items():
@@ -43,7 +48,7 @@ def make_parts(
         if name in parts:
             item.node.fault(f'a second component "{name}"', "one of this name", "rename one of the two")
         try:
-            parts[name] = _part(network, path, item, bound.get(path, {}), fed)
+            parts[name] = _part(network, path, item, bound.get(path, {}), fed, tolerance)
         except InputError as error:
             note(item, error)
     return parts
@@ -57,7 +62,12 @@ def note(item: Component, error: InputError) -> None:
 
 
 def _part(
-    network: Network, path: Path, item: Component, values: Mapping[str, Value], fed: Collection[Pin]
+    network: Network,
+    path: Path,
+    item: Component,
+    values: Mapping[str, Value],
+    fed: Collection[Pin],
+    tolerance: float | None,
 ) -> FmuComponent:
     """Return the component for one FMU.
 
@@ -71,13 +81,16 @@ def _part(
     outputs = _outputs(network, path, item) if ports.outputs is None else ports.outputs
     units = {name: network.port_measure(Pin(path, name)) for name in (*inputs, *outputs)}
     assert item.fmu is not None
+    integration = dict(ports.integration)
+    if tolerance is not None:
+        integration["tolerance"] = tolerance
     return _kind(network.fmus[path], item)(
         item.fmu,
         inputs=inputs,
         outputs=outputs,
         parameters=values,
         units={name: measure for name, measure in units.items() if measure},
-        **ports.integration,
+        **integration,
     )
 
 

@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from os import PathLike
 
+    from co_sim.ssp.binding import Bound
     from co_sim.ssp.chain import Chain
     from co_sim.ssp.document import Faults
     from co_sim.ssp.elements import Component
     from co_sim.ssp.network import Route
     from co_sim.ssp.parsing import Structure
 
-__all__ = ["SspModel", "open_ssp", "read_ssp"]
+__all__ = ["Assembly", "SspModel", "open_ssp", "read_ssp"]
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,10 @@ def read_ssp(
     variant: str = DEFAULT,
     step: float | None = None,
     coupling: Coupling | None = None,
+    tolerance: float | None = None,
 ) -> System:
     """Return the system of an SSP; see `open_ssp` for what else the file tells."""
-    return open_ssp(path, variant=variant, step=step, coupling=coupling).system
+    return open_ssp(path, variant=variant, step=step, coupling=coupling, tolerance=tolerance).system
 
 
 def open_ssp(
@@ -72,6 +74,7 @@ def open_ssp(
     variant: str = DEFAULT,
     step: float | None = None,
     coupling: Coupling | None = None,
+    tolerance: float | None = None,
 ) -> SspModel:
     """Read an SSP 1.0 or 2.0.
 
@@ -86,6 +89,8 @@ def open_ssp(
     step : communication step, s. ``None`` takes that of a file written here, else the shortest step size of
         the FMUs' default experiments, else 1 ms.
     coupling : how values pass; ``None`` takes that of a file written here, else the default.
+    tolerance : relative, for all FMUs; ``None`` takes that of a file written here, else that of each FMU's
+        default experiment.
 
     Raises
     ------
@@ -100,26 +105,38 @@ def open_ssp(
     structure = read_structure(file, variant, faults)
     if structure is None:
         raise InputError.from_faults(faults)
-    model = _Assembly(structure, faults).model(step, coupling)
+    model = Assembly(structure, faults).model(step, coupling, tolerance)
     if faults:
         raise InputError.from_faults(faults)
     return model
 
 
-class _Assembly:
-    """Makes a model of a structure; faults are noted."""
+class Assembly:
+    """Makes a model of a structure; faults are noted.
+
+    Attributes
+    ----------
+    network : of its connectors. components : the elements of those FMUs that could be read, by path.
+    bound : values of the variables of FMUs, after `model`.
+    """
 
     def __init__(self, structure: Structure, faults: Faults) -> None:
         self._structure = structure
         self._faults = faults
         found = {path: (item, _fmu(item)) for path, item in structure.system.components()}
-        self._components = {path: item for path, (item, fmu) in found.items() if fmu}
-        self._network = Network(structure.system, {path: fmu for path, (_, fmu) in found.items() if fmu})
+        self.components = {path: item for path, (item, fmu) in found.items() if fmu}
+        self.network = Network(structure.system, {path: fmu for path, (_, fmu) in found.items() if fmu})
+        self.bound: Bound = {}
 
-    def model(self, step: float | None, coupling: Coupling | None) -> SspModel:
-        """Return the model."""
+    def model(
+        self,
+        step: float | None = None,
+        coupling: Coupling | None = None,
+        tolerance: float | None = None,
+    ) -> SspModel:
+        """Return the model; see `open_ssp` for the parameters."""
         structure = self._structure
-        bound = bind(self._network)
+        self.bound = bind(self.network)
         connections: list[Connection] = []
         inputs: dict[str, list[Connection]] = {}
         outputs: dict[str, Connection] = {}
@@ -135,7 +152,7 @@ class _Assembly:
             else:
                 connections.append(connection)
                 fed.add(pin)
-        parts = make_parts(self._network, self._components, bound, fed)
+        parts = make_parts(self.network, self.components, self.bound, fed, tolerance)
         notes = notes_of(structure.root)
         system = System(
             parts,
@@ -157,31 +174,31 @@ class _Assembly:
     @property
     def _default_step(self) -> float:
         """The shortest step size that an FMU's default experiment tells, s; else 1 ms."""
-        steps = [fmu.step_size for fmu in self._network.fmus.values()]
+        steps = [fmu.step_size for fmu in self.network.fmus.values()]
         return min((size for size in steps if size), default=1e-3)
 
     def _routes(self) -> Iterator[tuple[Pin, Route]]:
         """Return the ways that lead to variables of FMUs and to connectors of the root system."""
-        for pin in list(self._network.incoming):
-            if pin.path in self._network.fmus or not pin.path:
-                for route in self._network.routes(pin):
+        for pin in list(self.network.incoming):
+            if pin.path in self.network.fmus or not pin.path:
+                for route in self.network.routes(pin):
                     yield pin, route
 
     def _connection(self, pin: Pin, route: Route) -> Connection | None:
         """Return a way between two FMUs, or to or from a connector of the root system, as one connection."""
-        from_fmu, from_root = route.source.path in self._network.fmus, not route.source.path
+        from_fmu, from_root = route.source.path in self.network.fmus, not route.source.path
         if not (from_fmu or from_root) or (from_root and not pin.path):
             # What comes from nowhere leaves the start value.
             return None
         node = route.edges[-1].wire.node
-        if not all(self._network.knows(end, node) for end in (route.source, pin) if end.path):
+        if not all(self.network.knows(end, node) for end in (route.source, pin) if end.path):
             return None
-        if pin.path and (causality := self._network.causality(pin)) != "input":
+        if pin.path and (causality := self.network.causality(pin)) != "input":
             if from_fmu:
                 expected = "an input, as parameters get their values before the run"
                 node.fault(f'a connection to "{pin.name}" with causality {causality}', expected, "remove it")
             return None
-        chain = self._network.chain(route, pin)
+        chain = self.network.chain(route, pin)
         if chain is None:
             return None
         linear = chain.relative if chain.is_plain else chain.total
@@ -196,7 +213,7 @@ class _Assembly:
         """Tell whether the master is to convert units: not where one end has none."""
         if not (route.source.path and pin.path):
             return not any(edge.wire.suppress for edge in route.edges)
-        measures = [self._network.port_measure(end) for end in (route.source, pin)]
+        measures = [self.network.port_measure(end) for end in (route.source, pin)]
         return chain.is_plain and (measures[0] is None) == (measures[1] is None)
 
 

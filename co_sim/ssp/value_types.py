@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from co_sim.component import Kind
     from co_sim.fmu_parameters import Value
 
-__all__ = ["parameter_type", "port_type", "write_value"]
+__all__ = ["fits", "parameter_type", "port_type", "write_value"]
 
 #: SSP 2.0 has a name for every type of FMI 3; those of SSP 1.0 are read by all.
 _NAMES = {
@@ -33,6 +33,7 @@ _NAMES = {
     "boolean": "Boolean",
     "string": "String",
 }
+_ALIASES = {"Real": ("Float64",), "Integer": ("Int32",)}
 _OLD = frozenset({"Real", "Integer", "Boolean", "String"})
 _INT32 = range(-(2**31), 2**31)
 
@@ -41,6 +42,19 @@ def port_type(kind: Kind, version: str) -> str | None:
     """Return the type element of a connector; ``None`` where the variable is left to tell its type."""
     name = _NAMES.get(kind)
     return name if version != "1.0" or name in _OLD else None
+
+
+def fits(declared: str, kind: Kind) -> bool:
+    """Tell whether a connector may have this type for a variable of a kind.
+
+    The four types of SSP 1.0 stand for all types of FMI 3 of their sort.
+    """
+    sort = {"enumeration": "Enumeration"}.get(kind) or _NAMES[kind]
+    if declared in {sort, *_ALIASES.get(sort, ())}:
+        return True
+    if declared == "Real":
+        return kind in {"float64", "float32"}
+    return declared == "Integer" and "int" in kind
 
 
 def parameter_type(variable: ModelVariable, version: str) -> str:

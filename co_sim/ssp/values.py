@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from co_sim.ssp.document import Node
-    from co_sim.ssp.elements import Binding, Transformation, Values
+    from co_sim.ssp.elements import Transformation, Values
 
 __all__ = ["measure_of", "parameters_of", "transformation_of", "units_of"]
 
@@ -94,7 +94,7 @@ def transformation_of(node: Node) -> Transformation:
     return Mapped(kind, table)  # type: ignore[arg-type]
 
 
-def parameters_of(root: Node, prefix: str, mapping: Node | None) -> Binding:
+def parameters_of(root: Node, prefix: str, mapping: Node | None) -> tuple[Parameter, ...]:
     """Return the parameters of a parameter set, under the names that a prefix and a mapping give them."""
     units = units_of(root)
     found = {}

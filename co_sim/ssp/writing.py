@@ -147,6 +147,8 @@ class _Writer:
         self._connectors(xml, name, component)
         self._parameters(xml, name, component)
         integration: dict[str, Any] = {}
+        if component.tolerance is not None:
+            integration["tolerance"] = component.tolerance
         if isinstance(component, ExchangeFmu):
             integration["method"] = component.method
             if component.substep:

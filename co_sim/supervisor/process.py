@@ -25,7 +25,10 @@ __all__ = ["Exit", "Process", "start_server"]
 _PIPE_SIZE = 2**20
 #: How long a killed process may take to disappear, s.
 _LAST_MOMENTS = 5.0
-_SERVE = "import sys; sys.path[:] = {path!r}; from co_sim.supervisor.server import main; main({descriptor})"
+_SERVE = (
+    "import sys; sys.path[:] = {path!r}; "
+    "from co_sim.supervisor.server import main; main({descriptor}, {modules!r})"
+)
 
 
 class _Server:
@@ -35,6 +38,7 @@ class _Server:
         self._control: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._lock = Lock()
+        self._modules: tuple[str, ...] = ()
 
     def forget(self) -> None:
         """Know no server: after a fork it is that of the parent."""
@@ -50,9 +54,10 @@ class _Server:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(_LAST_MOMENTS)
 
-    def start(self) -> None:
-        """Start the server, if it is not running."""
+    def start(self, modules: tuple[str, ...]) -> None:
+        """Start the server, if it is not running, with these modules imported."""
         with self._lock:
+            self._modules = modules or self._modules
             self._start()
 
     def _start(self) -> socket.socket:
@@ -60,7 +65,7 @@ class _Server:
             return self._control
         ours, theirs = socket.socketpair()
         with theirs:
-            command = _SERVE.format(path=sys.path, descriptor=theirs.fileno())
+            command = _SERVE.format(path=sys.path, descriptor=theirs.fileno(), modules=self._modules)
             self._process = subprocess.Popen(
                 [sys.executable, "-c", command],
                 pass_fds=[theirs.fileno()],
@@ -86,9 +91,15 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_SERVER.forget)
 
 
-def start_server() -> None:
-    """Start the server if it is not running; it needs a second, but not from this process."""
-    _SERVER.start()
+def start_server(*modules: str) -> None:
+    """Start the server if it is not running; it needs a second, but not from this process.
+
+    Parameters
+    ----------
+    modules : what the server imports when it starts, so that no run has to: what the components need that are
+        sent to it. They must start no threads.
+    """
+    _SERVER.start(modules)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,12 +22,17 @@ import tempfile
 import warnings
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 from co_sim.component import Port
 from co_sim.master import Master
 from co_sim.signals import Constant
 from co_sim.supervisor import child
 from co_sim.system import System
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 __all__ = ["main"]
 
@@ -39,10 +44,10 @@ class _Run:
     folder: str
 
 
-def main(descriptor: int) -> None:
-    """Serve the owner of a socket until it is gone."""
+def main(descriptor: int, modules: Sequence[str]) -> None:
+    """Serve the owner of a socket until it is gone, with these modules imported."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _warm_up()
+    _warm_up(modules)
     server = _Server(socket.socket(fileno=descriptor))
     try:
         server.serve()
@@ -50,8 +55,11 @@ def main(descriptor: int) -> None:
         server.end_all()
 
 
-def _warm_up() -> None:
-    """Have the compiled loop loaded, so that no run needs to."""
+def _warm_up(modules: Sequence[str]) -> None:
+    """Have the modules and the compiled loop loaded, so that no run needs to."""
+    for name in modules:
+        with suppress(ImportError):  # Whoever needs it will be told.
+            import_module(name)
     with Master(System({"constant": Constant([0.0], [Port("value")])}, step=1.0)) as master:
         master.run(n_steps=1)
     gc.collect()

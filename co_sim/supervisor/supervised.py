@@ -14,7 +14,7 @@ import numpy as np
 
 from co_sim.errors import Fault, InputError, RunError, suggestion
 from co_sim.layout import lay_out
-from co_sim.master import checked_count, ending, longest_block, step_count
+from co_sim.master import checked_count, ending, last_step, longest_block, require_within, step_count
 from co_sim.observers import Recorder
 from co_sim.supervisor.attention import Attention, Circumstances
 from co_sim.supervisor.board import Format
@@ -60,7 +60,7 @@ class Supervised:
     timeouts : other times for single components, by name, for both.
     memory_limit : bytes that the process may allocate; ``None``: four fifths of what is free when it starts.
     echo : print what the components print, on the standard error stream.
-    compiled, quiet : as of `Master`.
+    stop_time, compiled, quiet : as of `Master`.
 
     Raises
     ------
@@ -81,6 +81,7 @@ class Supervised:
         timeouts: Mapping[str, float] = MappingProxyType({}),
         memory_limit: int | None = None,
         echo: bool = False,
+        stop_time: float | None = None,
         compiled: bool = True,
         quiet: bool = False,
     ) -> None:
@@ -103,7 +104,14 @@ class Supervised:
         self.t0, self.h, self.k = t0, system.step, 0
         self.observers = tuple(observers)
         self.signals = system.signals
-        self._arguments = {"system": system, "t0": t0, "compiled": compiled, "quiet": quiet}
+        self._last_step = last_step(t0, stop_time, self.h)
+        self._arguments = {
+            "system": system,
+            "t0": t0,
+            "stop_time": stop_time,
+            "compiled": compiled,
+            "quiet": quiet,
+        }
         limits = Limits(timeout, start_timeout, dict(timeouts))
         layout = lay_out(system)
         #: Columns of texts, and the numbers here of the texts that have been told there.
@@ -164,6 +172,7 @@ class Supervised:
         if (duration is None) == (n_steps is None):
             raise TypeError("give either duration or n_steps")
         count = checked_count(n_steps) if duration is None else step_count(duration, self.h)
+        require_within(self.k + count, self._last_step, self.h)
         try:
             with ExitStack() as ends:
                 for observer in self.observers:
@@ -293,7 +302,7 @@ def run(
     observers: Sequence[Observer] = (),
     **options: Any,
 ) -> Recorder:
-    """Run a system under supervision and return the record of all its signals.
+    """Run a system under supervision, once, and return the record of all its signals.
 
     Parameters
     ----------
@@ -308,6 +317,7 @@ def run(
         See `Supervised.run`; its `record` has the signals of all complete steps.
     """
     recorder = Recorder()
+    options.setdefault("stop_time", t0 + duration)
     with Supervised(system, t0, h, [recorder, *observers], **options) as supervised:
         try:
             supervised.run(duration)

@@ -41,8 +41,13 @@ class Loaded:
     stop: float | None
 
 
-def load(path: Path) -> Loaded:
+def load(path: Path, *, tolerance: float | None = None) -> Loaded:
     """Read an FMU or an SSP.
+
+    Parameters
+    ----------
+    path : the file.
+    tolerance : relative, for all FMUs; ``None`` takes that of each FMU's default experiment.
 
     Raises
     ------
@@ -53,9 +58,9 @@ def load(path: Path) -> Loaded:
         raise InputError(f"{path}", got="no such file", expected="an FMU or an SSP", remedy="check the path")
     suffix = path.suffix.lower()
     if suffix == ".fmu":
-        return _load_fmu(path)
+        return _load_fmu(path, tolerance)
     if suffix in {".ssp", ".ssd"}:
-        return _load_ssp(path)
+        return _load_ssp(path, tolerance)
     raise InputError(
         f"{path}",
         got=f'the ending "{path.suffix}"',
@@ -64,9 +69,10 @@ def load(path: Path) -> Loaded:
     )
 
 
-def _load_fmu(path: Path) -> Loaded:
+def _load_fmu(path: Path, tolerance: float | None) -> Loaded:
     description = read_description(path)
-    fmu: Component = FmuComponent(path) if description.coSimulation else ExchangeFmu(path)
+    kind = FmuComponent if description.coSimulation else ExchangeFmu
+    fmu: Component = kind(path, tolerance=tolerance)
     experiment = description.defaultExperiment
     start, stop, step = (
         _number(getattr(experiment, name, None)) for name in ("startTime", "stopTime", "stepSize")
@@ -77,10 +83,10 @@ def _load_fmu(path: Path) -> Loaded:
     return Loaded(System({name: fmu}, step=step), start, stop)
 
 
-def _load_ssp(path: Path) -> Loaded:
+def _load_ssp(path: Path, tolerance: float | None) -> Loaded:
     from co_sim.ssp import open_ssp
 
-    model = open_ssp(path)
+    model = open_ssp(path, tolerance=tolerance)
     return Loaded(model.system, model.start_time, model.stop_time)
 
 

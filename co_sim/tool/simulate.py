@@ -42,6 +42,7 @@ Writes to DIR:
 @click.option("--start", type=float, help="Start time, s.  [default: of FILE, or 0]")
 @click.option("--stop", type=float, help="Stop time, s.  [default: of FILE, or 1]")
 @click.option("--step", type=float, help="Communication step, s.  [default: of FILE, or a thousandth]")
+@click.option("--tolerance", type=float, help="Relative, for all FMUs.  [default: of each FMU]")
 @click.option(
     "--algorithm", type=click.Choice(get_args(Algorithm)), help="Of the coupling.  [default: of FILE]"
 )
@@ -68,6 +69,7 @@ def simulate(
     start: float | None,
     stop: float | None,
     step: float | None,
+    tolerance: float | None,
     algorithm: Algorithm | None,
     order: int | None,
     record: tuple[str, ...],
@@ -87,7 +89,7 @@ def simulate(
     from co_sim.tool.loading import load, parse_settings, with_settings
 
     try:
-        loaded = load(file)
+        loaded = load(file, tolerance=tolerance)
         system = with_settings(loaded.system, parse_settings(settings))
         system = _coupled(system, step, algorithm, order)
         t0 = start if start is not None else loaded.start or 0.0
@@ -96,15 +98,15 @@ def simulate(
         folder = out or Path("results") / file.stem
         folder.mkdir(parents=True, exist_ok=True)
         if with_check:
-            _print_check(system, duration, t0, record)
+            _print_check(system, duration, t0, record, in_process=in_process)
         path, patterns = folder / f"results.{kind}", record or ("*",)
         recorder = Recorder(patterns, every=every)
         observers = [recorder, _writer(path, patterns, every), Progress()]
         master: Master | Supervised
         if in_process:
-            master = Master(system, t0, observers=observers)
+            master = Master(system, t0, observers=observers, stop_time=t0 + duration)
         else:
-            master = Supervised(system, t0, observers=observers, timeout=timeout)
+            master = Supervised(system, t0, observers=observers, timeout=timeout, stop_time=t0 + duration)
         started = time.perf_counter()
         with master:
             master.run(duration)
@@ -138,10 +140,12 @@ def _duration(loaded: Loaded, stop: float | None, t0: float) -> float:
     return end - t0
 
 
-def _print_check(system: System, duration: float, t0: float, record: tuple[str, ...]) -> None:
+def _print_check(
+    system: System, duration: float, t0: float, record: tuple[str, ...], *, in_process: bool
+) -> None:
     from co_sim.coupling_check import check_coupling
 
-    click.echo(str(check_coupling(system, duration, t0=t0, patterns=record or ("*",))))
+    click.echo(str(check_coupling(system, duration, t0=t0, patterns=record or ("*",), in_process=in_process)))
     click.echo()
 
 

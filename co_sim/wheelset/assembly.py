@@ -38,6 +38,7 @@ __all__ = [
     "Case",
     "assemble",
     "plant_fmu",
+    "plant_parameters",
     "rail_table",
     "sampling_period",
     "wires_of_plant",
@@ -135,13 +136,25 @@ def plant_fmu(wheelset: WheelsetParameters, mode: str, creep: float, fmi: Litera
     wheelset : its parameters. mode : drive mode. fmi : version of the standard.
     creep : longitudinal creepage at the start, torque driven.
     """
-    parameters: dict[str, float | int | bool | str] = {"drive_mode": mode, "initial_creepage": creep}
-    for owner, prefix in ((wheelset, ""), (wheelset.patch, "patch.")):
-        for declared in fields(owner):
-            # The normal load is an input of the FMU, so that a vehicle could supply it.
-            if "unit" in declared.metadata and declared.name != "N":
-                parameters[prefix + declared.name] = getattr(owner, declared.name)
+    parameters: dict[str, float | int | bool | str] = {
+        "drive_mode": mode,
+        "initial_creepage": creep,
+        **plant_parameters(wheelset),
+    }
     return FmuComponent(path(fmi=fmi), outputs=_OUTPUTS, parameters=parameters)
+
+
+def plant_parameters(wheelset: WheelsetParameters) -> dict[str, float]:
+    """Return the parameters of the FMU by its names.
+
+    The normal load is an input of the FMU, so that a vehicle could supply it.
+    """
+    return {
+        prefix + declared.name: getattr(owner, declared.name)
+        for owner, prefix in ((wheelset, ""), (wheelset.patch, "patch."))
+        for declared in fields(owner)
+        if "unit" in declared.metadata and declared.name != "N"
+    }
 
 
 def _drive(scenario: Scenario, case: Case) -> TimeTable:

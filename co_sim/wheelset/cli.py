@@ -18,6 +18,9 @@ from rich.table import Table
 from co_sim.cli_tools import check, inspect
 from co_sim.errors import InputError, RunError
 from co_sim.tool.simulate import simulate
+from co_sim.wheelset.identifying.command import identify
+from co_sim.wheelset.report_command import report
+from co_sim.wheelset.studies.command import campaign
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,7 +46,7 @@ Examples:
   wheelset run adhesion-drop --out drop     the other packaged scenario, results in ./drop
   wheelset scenario default > mine.toml     a scenario file to start from
   wheelset run mine.toml --out mine
-  wheelset inspect vehicle.fmu              ports, units and capabilities of any FMU
+  wheelset inspect vehicle.fmu              ports, units and capabilities of any FMU or SSP
   wheelset check vehicle.fmu                everything that is wrong with it
 """,
 )
@@ -69,6 +72,7 @@ Writes to DIR:
   report.html     one self-contained page: what was run, what came out, what to make of it
   summary.json    every number of the report, the scenario, the seed and the versions
   results.csv     all signals of all runs, units in the header
+  logs/           what the sensors said in each run, for `wheelset identify`
   figures/        the figures of the report as PNG
 """
 )
@@ -80,13 +84,14 @@ Writes to DIR:
     help="Folder for the results.  [default: results/SCENARIO]",
 )
 @click.option("--seed", type=click.IntRange(min=0), help="Use this seed instead of the scenario's.")
-def run(scenario: str, out: Path | None, seed: int | None) -> None:
+@click.option("--in-process", is_flag=True, help="Run in this process, without protection; for debugging.")
+def run(scenario: str, out: Path | None, seed: int | None, in_process: bool) -> None:
     """Run SCENARIO: a packaged scenario by name (`default`, `adhesion-drop`) or a TOML file.
 
     `bogie` runs two wheelset FMUs under a frame of another exporter.
     """
     if scenario == "bogie":
-        _run_bogie(out or Path("results") / "bogie", seed)
+        _run_bogie(out or Path("results") / "bogie", seed, in_process=in_process)
         return
     from co_sim.wheelset.experiment import Laboratory
     from co_sim.wheelset.output import check_folder, write
@@ -99,12 +104,11 @@ def run(scenario: str, out: Path | None, seed: int | None) -> None:
         name = Path(scenario).stem
         out = out or Path("results") / name
         check_folder(out)
-        experiment = _simulate(Laboratory(loaded, name, folder))
+        experiment = _simulate(Laboratory(loaded, name, folder, in_process=in_process))
     except InputError as error:
         _refuse(error)
     except RunError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(1)
+        _stop(error)
     with Console(stderr=True).status("Drawing figures and writing the report"):
         write(experiment, out)
     console = Console(highlight=False)
@@ -114,10 +118,12 @@ def run(scenario: str, out: Path | None, seed: int | None) -> None:
     stopped = [f"{r.name}: {r.stopped}" for r in experiment.runs if r.stopped]
     for line in stopped:
         click.echo(f"stopped early, {line}", err=True)
+    if any(run.interrupted for run in experiment.runs):
+        sys.exit(130)
     sys.exit(1 if stopped else 0)
 
 
-def _run_bogie(out: Path, seed: int | None) -> None:
+def _run_bogie(out: Path, seed: int | None, *, in_process: bool) -> None:
     from co_sim.wheelset.bogie.run import prepare
     from co_sim.wheelset.output import check_folder
 
@@ -125,7 +131,7 @@ def _run_bogie(out: Path, seed: int | None) -> None:
     try:
         check_folder(out)
         with status:
-            bogie = prepare(out, 1 if seed is None else seed)
+            bogie = prepare(out, 1 if seed is None else seed, in_process=in_process)
             click.echo(_choice_table(bogie.choice))
             status.update("Running the bogie")
             bogie.write_system(out)
@@ -133,8 +139,7 @@ def _run_bogie(out: Path, seed: int | None) -> None:
     except InputError as error:
         _refuse(error)
     except RunError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(1)
+        _stop(error)
     click.echo(f"\n{out / 'report.html'} has the figures, {out / 'bogie.ssp'} the system for other tools")
 
 
@@ -275,6 +280,9 @@ def export(fmi: str, out: Path, parameters: Path | None) -> None:
 cli.add_command(inspect)
 cli.add_command(check)
 cli.add_command(simulate)
+cli.add_command(identify)
+cli.add_command(report)
+cli.add_command(campaign)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -296,6 +304,12 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         sys.stderr.close()
         sys.exit(0)
     sys.exit(0)
+
+
+def _stop(error: RunError) -> NoReturn:
+    for line in (f"error: {error}", *getattr(error, "__notes__", ())):
+        click.echo(line, err=True)
+    sys.exit(1)
 
 
 def _refuse(error: Exception) -> NoReturn:

@@ -9,6 +9,7 @@ import numpy as np
 from co_sim.errors import InputError, RunError
 from co_sim.master import Master
 from co_sim.observers import Recorder
+from co_sim.supervisor import Supervised, start_server
 from co_sim.wheelset.assembly import MEASURED, Case, assemble, sampling_period
 from co_sim.wheelset.results import Experiment, FilterDesign, Run, assess
 from co_sim.wheelset.scenario import PrescribedCreep, Rail
@@ -53,6 +54,8 @@ class Laboratory:
     Parameters
     ----------
     scenario : what to simulate. name : for results. folder : where a measured track is looked for.
+    in_process : run in this process, without protection, instead of supervised: for debugging. The results
+        are the same to the bit.
 
     Raises
     ------
@@ -61,8 +64,12 @@ class Laboratory:
         filter's point is not on its curve.
     """
 
-    def __init__(self, scenario: Scenario, name: str, folder: Path) -> None:
+    def __init__(self, scenario: Scenario, name: str, folder: Path, *, in_process: bool = False) -> None:
         self.scenario = scenario
+        self._master: type[Master | Supervised] = Master if in_process else Supervised
+        if not in_process:
+            # It gets ready while the scenario is checked.
+            start_server(assemble.__module__)
         self.name = name
         self._wheelset = scenario.parameters
         self._period = sampling_period(scenario)
@@ -88,23 +95,41 @@ class Laboratory:
     def run(self, observers: Iterable[Observer] = ()) -> Experiment:
         """Tune the bank, make all runs and sum them up.
 
-        A run that stops early is part of the result, with its reason; the runs after it are made.
+        A run that stops early is part of the result, with its reason; the runs after it are made. So is one
+        that is interrupted (Ctrl-C), which is then the last one.
 
         Raises
         ------
         RunError
             If a run cannot start, or one that tunes a filter stops early.
+        KeyboardInterrupt
+            If there is nothing yet to be kept.
         """
         observers = tuple(observers)
-        filters = tuple(
-            self._design(i, f, point, observers)
-            for i, (f, point) in enumerate(zip(self.scenario.filters, self.points, strict=True))
-        )
+        filters = self.design(observers)
         identifier = self.identifier(filters)
-        runs = tuple(self._observe(case, identifier, observers) for case in self.cases)
+        runs: tuple[Run, ...] = ()
+        for case in self.cases:
+            runs = (*runs, self._observe(case, identifier, observers))
+            if runs[-1].interrupted:
+                break
         stretches = tuple(s for run in runs for s in assess(run, self.scenario, filters))
         fuzzy = identifier.fuzzy.system
         return Experiment(self.name, self.scenario, filters, fuzzy, self.curves, runs, stretches)
+
+    def design(self, observers: Iterable[Observer] = ()) -> tuple[FilterDesign, ...]:
+        """Tune the filters of the bank, each on a run of the plant at its own operating point.
+
+        Raises
+        ------
+        RunError
+            If such a run cannot start or stops early.
+        """
+        observers = tuple(observers)
+        return tuple(
+            self._design(i, f, point, observers)
+            for i, (f, point) in enumerate(zip(self.scenario.filters, self.points, strict=True))
+        )
 
     def identifier(self, filters: Sequence[FilterDesign]) -> Identifier:
         """Return the identifier of the scenario with these filters."""
@@ -232,13 +257,17 @@ class Laboratory:
         return FilterDesign(wanted.name, wanted.condition, point, tuning, len(z) * self._sample_time)
 
     def _observe(self, case: Case, identifier: Identifier, observers: tuple[Observer, ...]) -> Run:
-        recorder, stopped = Recorder(), None
+        recorder, stopped, interrupted = Recorder(), None, False
         try:
             self._simulate(case, identifier, (recorder, *observers))
         except RunError as error:
             if len(recorder.time) == 0:
                 raise
             stopped = str(error)
+        except KeyboardInterrupt:
+            if len(recorder.time) == 0:
+                raise
+            stopped, interrupted = f"interrupted at t = {recorder.time[-1]:g} s", True
         names = identifier.bank.names
         drive = self.scenario.drive
         point = None
@@ -254,12 +283,14 @@ class Laboratory:
             probabilities=np.column_stack([recorder[f"identifier.p.{name}"] for name in names]),
             valid_until=self._valid_until(recorder),
             stopped=stopped,
+            interrupted=interrupted,
         )
 
     def _simulate(self, case: Case, identifier: Identifier | None, observers: Iterable[Observer]) -> None:
         """Co-simulate a case under the eyes of `observers`."""
         system = assemble(self.scenario, case, identifier)
-        with Master(system, h=self.scenario.simulation.step, observers=tuple(observers)) as master:
+        h, until = self.scenario.simulation.step, case.duration
+        with self._master(system, h=h, observers=tuple(observers), stop_time=until) as master:
             master.run(case.duration)
 
     def _valid_until(self, recorder: Recorder) -> float:

@@ -1,4 +1,4 @@
-"""Writes what an experiment produced: results.csv, summary.json, figures and report.html."""
+"""Writes what an experiment produced: results.csv, logs, summary.json, figures and report.html."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 from co_sim.errors import InputError
 from co_sim.files import whole_file
 from co_sim.observers import write_runs_csv
+from co_sim.wheelset.assembly import MEASURED, sampling_period
+from co_sim.wheelset.identifying.log_csv import write_log
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -52,11 +54,28 @@ def write(experiment: Experiment, folder: Path) -> dict[str, Any]:
         {run.name: run for run in experiment.runs},
         every=experiment.scenario.output.every,
     )
+    _write_logs(experiment, folder / "logs")
     with whole_file(folder / "summary.json") as path:
         path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     drawings = draw(experiment, figures)
     write_report(experiment, drawings, summary, folder / "report.html")
     return summary
+
+
+def _write_logs(experiment: Experiment, folder: Path) -> None:
+    """Write what the sensors said in each run, as `wheelset identify` reads it.
+
+    The torque is part of it only where one drives the wheels.
+    """
+    sources = {name: f"sensors.{name}" for name, _ in MEASURED.values()}
+    sources["speed"] = "plant.forward_speed"
+    if experiment.scenario.drive.mode == "torque_driven":
+        sources["traction_torque"] = "drive.traction_torque"
+    folder.mkdir(exist_ok=True)
+    period = sampling_period(experiment.scenario)
+    for run in experiment.runs:
+        columns = {"time": run.time} | {name: run.signals[source] for name, source in sources.items()}
+        write_log(folder / f"{run.name}.csv", {name: values[::period] for name, values in columns.items()})
 
 
 def summarise(experiment: Experiment) -> dict[str, Any]:

@@ -66,6 +66,7 @@ class Run:
     valid_until : time at which the wheelset first left the range of the model without flanges, s; the
         end of the run if it never did.
     stopped : why the run ended early, or ``None``.
+    interrupted : whether that was the user, so that no other run was made after it.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Run:
     probabilities: Array
     valid_until: float
     stopped: str | None = None
+    interrupted: bool = False
 
     def windows(self, since: float, until: float, window: float) -> NDArray[np.bool_]:
         """Return where (T,) a moving window ends that lies between two times; all in s."""

@@ -20,7 +20,17 @@ if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
     from pydantic_core import ErrorDetails
 
-__all__ = ["field_table", "load_scenario", "packaged_names", "packaged_text"]
+    from fmu_wheelset import WheelsetParameters
+
+__all__ = [
+    "field_table",
+    "load_scenario",
+    "load_wheelset",
+    "packaged_names",
+    "packaged_text",
+    "tables_of",
+    "validated",
+]
 
 
 def _packaged() -> Traversable:
@@ -66,27 +76,49 @@ def load_scenario(source: str) -> tuple[Scenario, Path]:
     if source in packaged_names():
         return parse(packaged_text(source), f"{source}.toml"), Path()
     path = Path(source)
+    text = _text(path, f"a scenario file or one of the packaged {', '.join(packaged_names())}")
+    return parse(text, path.name), path.parent
+
+
+def load_wheelset(path: Path) -> WheelsetParameters:
+    """Read parameters of the wheelset from a file with the content of a scenario's table ``[wheelset]``.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it has faults.
+    """
+    tables = tables_of(_text(path, "a file of parameters"), path.name)
+    return validated({"wheelset": tables}, path.name).parameters
+
+
+def _text(path: Path, expected: str) -> str:
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "text that is not UTF-8"
-        raise InputError(
-            source,
-            got=str(reason),
-            expected=f"a scenario file or one of the packaged {', '.join(packaged_names())}",
-            remedy="check the path",
-        ) from None
-    return parse(text, path.name), path.parent
+        raise InputError(str(path), got=str(reason), expected=expected, remedy="check the path") from None
 
 
 def parse(text: str, name: str) -> Scenario:
     """Return the scenario in a TOML `text`; `name` stands in messages for the file."""
+    return validated(tables_of(text, name), name)
+
+
+def tables_of(text: str, name: str) -> dict[str, Any]:
+    """Return the tables of a TOML `text`; `name` stands in messages for the file."""
     try:
-        return Scenario.model_validate(_frozen(tomllib.loads(text)))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(
             name, got=f"text that is not TOML ({error})", expected="TOML 1.0", remedy="mend it there"
         ) from None
+
+
+def validated(tables: dict[str, Any], name: str) -> Scenario:
+    """Return the scenario of the `tables` of a file; `name` stands in messages for the file."""
+    try:
+        return Scenario.model_validate(_frozen(tables))
     except ValidationError as error:
         raise InputError.from_faults([_fault(name, e) for e in _causes(error.errors())]) from None
 

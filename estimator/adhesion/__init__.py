@@ -1,7 +1,15 @@
 """The adhesion bank: which rail is under the wheels, how much it can give and how much of it is used."""
 
-from estimator.adhesion.bank import AdhesionBank, AdhesionIdentification
+from estimator.adhesion.bank import AdhesionBank
 from estimator.adhesion.curves import REGIONS
 from estimator.adhesion.hypotheses import Hypothesis
+from estimator.adhesion.online import new_judgement
+from estimator.adhesion.result import AdhesionIdentification
 
-__all__ = ["REGIONS", "AdhesionBank", "AdhesionIdentification", "Hypothesis"]
+__all__ = [
+    "REGIONS",
+    "AdhesionBank",
+    "AdhesionIdentification",
+    "Hypothesis",
+    "new_judgement",
+]

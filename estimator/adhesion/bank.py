@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import N_TOLD, Design, Memory, end_block, run_filter, take_sample
+from estimator.adhesion.block import N_TOLD, Design, Memory, new_memory, run_filter
 from estimator.adhesion.creep_law import creep_scale, patch_row, rail_row
 from estimator.adhesion.curves import REGIONS, curves_of
-from estimator.adhesion.ekf import Filter, Noise, Track
-from estimator.adhesion.evidence import Belief, Judgement, Rules, judge
+from estimator.adhesion.ekf import Noise, Track
+from estimator.adhesion.evidence import Belief, Judgement, Rules
 from estimator.adhesion.hypotheses import Hypothesis, with_torque, without_torque
-from estimator.adhesion.motion import N_X, Vehicle
+from estimator.adhesion.motion import Vehicle
+from estimator.adhesion.online import bank_step, judge_blocks, new_judgement, new_work, rate_of
+from estimator.adhesion.result import AdhesionIdentification
 from estimator.adhesion.start import Prior
 from estimator.sensor_noise import SensorNoise
 from estimator.track_spectrum import ERRI_B176
@@ -31,84 +31,16 @@ if TYPE_CHECKING:
     from estimator.track_spectrum import TrackSpectrum
     from fmu_wheelset.parameters import RailCondition
 
-__all__ = ["AdhesionBank", "AdhesionIdentification"]
+__all__ = ["AdhesionBank"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 #: Length of a block, s: how often evidence is weighed.
 BLOCK = 0.01
-#: Time over which the speed's rate is found, s.
-_RATE_TIME = 0.1
 #: Speed below which the creepages are divided by it instead, m/s.
 _SLOWEST = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class AdhesionIdentification:
-    """What the adhesion bank said, one row for each `every` s; n rows.
-
-    Parameters
-    ----------
-    time : (n,) s.
-    p_region : (n, 3) probabilities of `regions`: linear, peak, unstable.
-    p_condition : (n, c) of `conditions`. Both are given that one of the hypotheses holds.
-    p_hypothesis : (n, n_h) of `hypotheses`, and p_none : (n,) of none of them; together 1.
-    mu_used : (n,) longitudinal force over the load of both wheels, negative when braking.
-    mu_max : (n,) peak adhesion, median; mu_max_low, mu_max_high : its interval that holds 90 %.
-    identifiable : (n,) whether the data can tell the condition and the peak adhesion.
-    """
-
-    time: Array
-    p_region: Array
-    p_condition: Array
-    p_hypothesis: Array
-    p_none: Array
-    mu_used: Array
-    mu_max: Array
-    mu_max_low: Array
-    mu_max_high: Array
-    identifiable: Flags
-    regions: tuple[str, ...]
-    conditions: tuple[str, ...]
-    hypotheses: tuple[str, ...]
-
-
-class Work(NamedTuple):
-    """Room for a step: (5, 4, 12), (n, 13), (n + 1,), (n, 2)."""
-
-    filter: Array
-    told: Array
-    log_l: Array
-    peaks: Array
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def bank_step(  # pragma: no cover - compiled
-    design: Design, rules: Rules, memory: Memory, belief: Belief, work: Work, k: int,
-    v: float, v_dot: float, torque: float, z: Array, usable: Flags, said: Judgement,
-) -> bool:  # fmt: skip
-    """Advance all filters by sample `k` = 0, 1, ...; at the end of a block write row 0 of what is said.
-
-    Returns whether a block has ended.
-    """
-    n = design.held.shape[0]
-    for i in range(n):
-        take_sample(design, memory, i, k == 0, v, v_dot, torque, z, usable, work.filter)
-    if (k + 1) % design.block != 0:
-        return False
-    for i in range(n):
-        end_block(design, memory, i, v, torque, work.told[i])
-    judge(rules, belief, (k + 1) // design.block - 1, work.told, v, work.log_l, work.peaks, said, 0)
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _judge_all(  # pragma: no cover - compiled
-    rules: Rules, belief: Belief, told: Array, v: Array, log_l: Array, peaks: Array, said: Judgement
-) -> None:
-    for k in range(told.shape[0]):
-        judge(rules, belief, k, told[k], v[k], log_l, peaks, said, k)
+_BOTH = np.ones(2, dtype=np.bool_)
 
 
 class AdhesionBank:
@@ -153,6 +85,7 @@ class AdhesionBank:
         self._hypotheses = None if hypotheses is None else tuple(hypotheses)
         self._curves = curves_of(list(self.conditions.values()), self.wheelset)
         self.block = max(round(BLOCK / h), 1)
+        self.reset()
 
     def hypotheses(self, *, torque_known: bool = True) -> tuple[Hypothesis, ...]:
         """Return what is held possible, in the order of the results."""
@@ -180,24 +113,87 @@ class AdhesionBank:
                 f"that is one block of {self.block * self.h:g} s"
             )
         hypotheses = self.hypotheses(torque_known=log.traction_torque is not None)
-        design, rules = self.design(hypotheses), self.rules(hypotheses)
+        told = self.filter_blocks(log, hypotheses, workers=workers)
+        said = self.judge_blocks(told, log, hypotheses)
+        return self._result(log, said, hypotheses, max(round(every / (self.block * self.h)), 1))
+
+    def filter_blocks(
+        self, log: Log, hypotheses: Sequence[Hypothesis], *, workers: int | None = None
+    ) -> Array:
+        """Return what the filters tell of each block of a log, (blocks, n, 13); see `block.py`."""
+        n, design = len(hypotheses), self.design(hypotheses)
         torque = np.full(len(log), np.nan) if log.traction_torque is None else log.traction_torque
-        v_dot = _rate(log.speed, self.h)
+        memory = new_memory(n)
+        v_dot = rate_of(log.speed, self.h, memory.speed, True)
         speed, z, usable = np.abs(log.speed), log.measurements, cast("Flags", log.usable)
-        rows = len(log) // self.block
-        told = np.empty((rows, len(hypotheses), N_TOLD))
-        memory = new_memory(len(hypotheses))
+        told = np.empty((len(log) // self.block, n, N_TOLD))
 
         def run(i: int) -> None:
-            run_filter(design, memory, i, speed, v_dot, torque, z, usable, np.zeros((5, 4, N_X)), told)
+            run_filter(design, memory, i, speed, v_dot, torque, z, usable, new_work(n).filter, told)
 
         with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-            list(pool.map(run, range(len(hypotheses))))
-        said = new_judgement(rows, len(hypotheses), len(self.conditions))
-        work = new_work(len(hypotheses))
-        at = np.arange(1, rows + 1) * self.block - 1
-        _judge_all(rules, self.new_belief(rules), told, speed[at], work.log_l, work.peaks, said)
-        return self._result(log.time[at], said, hypotheses, max(round(every / (self.block * self.h)), 1))
+            list(pool.map(run, range(n)))
+        return told
+
+    def judge_blocks(self, told: Array, log: Log, hypotheses: Sequence[Hypothesis]) -> Judgement:
+        """Return what follows from what the filters of these hypotheses told of each block."""
+        rules = self.rules(hypotheses)
+        said = new_judgement(len(told), len(hypotheses), len(self.conditions))
+        speed = np.abs(log.speed)[self.block - 1 :: self.block]
+        judge_blocks(rules, self.new_belief(rules), told, speed, new_work(len(hypotheses)), said)
+        return said
+
+    def reset(self, *, torque_known: bool = True) -> None:
+        """Forget all samples; `torque_known` chooses the hypotheses of the steps to come."""
+        chosen = self.hypotheses(torque_known=torque_known)
+        n = len(chosen)
+        self._design, self._rules = self.design(chosen), self.rules(chosen)
+        self._memory, self._belief = new_memory(n), self.new_belief(self._rules)
+        self._work, self._k = new_work(n), 0
+
+    @property
+    def state(self) -> tuple[Memory, Belief]:
+        """What `step` keeps besides `samples`: nested tuples of arrays, to be copied or written into."""
+        return self._memory, self._belief
+
+    @property
+    def samples(self) -> int:
+        """Samples taken since `reset`."""
+        return self._k
+
+    @samples.setter
+    def samples(self, k: int) -> None:
+        self._k = k
+
+    def step(self, z: Array, speed: float, torque: float, said: Judgement, usable: Flags = _BOTH) -> bool:
+        """Take one sample after `reset`; see `bank_step`, which a loop in machine code calls itself.
+
+        Parameters
+        ----------
+        z : (2,) yaw rate and lateral acceleration. speed : m/s. torque : N m, NaN if not known.
+        said : `new_judgement` of one row, written when a block ends.
+        usable : (2,) which of the two may be used.
+
+        Returns
+        -------
+        Whether a block has ended.
+        """
+        k, self._k = self._k, self._k + 1
+        return bool(
+            bank_step(
+                self._design,
+                self._rules,
+                self._memory,
+                self._belief,
+                self._work,
+                k,
+                z,
+                usable,
+                speed,
+                torque,
+                said,
+            )
+        )
 
     def design(self, hypotheses: Sequence[Hypothesis]) -> Design:
         """Return what the filters read."""
@@ -221,7 +217,7 @@ class AdhesionBank:
                 R_torque=500.0**2,
                 W_u=1e-8,
                 W_r=1e-8,
-                W_torque=4.0,
+                W_torque=1.0,
                 s_decay=decay,
                 W_s=2.0 * decay * self.friction**2,
                 W_bg=1e-3 * self.bias[0] ** 2,
@@ -253,7 +249,7 @@ class AdhesionBank:
             prior=prior,
             change=-math.expm1(-block / self.dwell),
             temper=0.7,
-            clip=2.0,
+            clip=5.0,
             none=2.0,
             window=0 if self.window is None else max(round(self.window / block), 1),
             condition=np.array([names.index(h.condition) for h in hypotheses], dtype=np.int64),
@@ -274,54 +270,23 @@ class AdhesionBank:
         )
 
     def _result(
-        self, time: Array, said: Judgement, hypotheses: Sequence[Hypothesis], stride: int
+        self, log: Log, said: Judgement, hypotheses: Sequence[Hypothesis], stride: int
     ) -> AdhesionIdentification:
+        """Return every `stride`-th row."""
         take = slice(stride - 1, None, stride)
-        mu = said.mu[take]
+        mu_used, mu_max, lower, upper = said.mu[take].T
         return AdhesionIdentification(
-            time[take],
-            said.p_region[take],
-            said.p_condition[take],
-            said.p_hypothesis[take],
-            said.p_none[take],
-            mu[:, 0],
-            mu[:, 1],
-            mu[:, 2],
-            mu[:, 3],
-            said.identifiable[take],
-            REGIONS,
-            tuple(self.conditions),
-            tuple(h.name for h in hypotheses),
+            time=log.time[self.block - 1 :: self.block][take],
+            p_region=said.p_region[take],
+            p_condition=said.p_condition[take],
+            p_hypothesis=said.p_hypothesis[take],
+            p_none=said.p_none[take],
+            mu_used=mu_used,
+            mu_max=mu_max,
+            mu_max_low=lower,
+            mu_max_high=upper,
+            identifiable=said.identifiable[take],
+            regions=REGIONS,
+            conditions=tuple(self.conditions),
+            hypotheses=tuple(h.name for h in hypotheses),
         )
-
-
-def new_memory(n: int) -> Memory:
-    """Return the memory of n filters before their start."""
-    shapes = ((N_X,), (N_X, N_X), (N_X,), (5,), (5, N_X), (7,))
-    return Memory(Filter(*(np.zeros((n, *shape)) for shape in shapes)), np.zeros((n, 8)), np.ones(n))
-
-
-def new_work(n: int) -> Work:
-    """Return room for a step of n filters."""
-    return Work(np.zeros((5, 4, N_X)), np.zeros((n, N_TOLD)), np.zeros(n + 1), np.zeros((n, 2)))
-
-
-def new_judgement(rows: int, n: int, conditions: int) -> Judgement:
-    """Return room for what is said in that many rows."""
-    return Judgement(
-        np.zeros((rows, 3)),
-        np.zeros((rows, conditions)),
-        np.zeros((rows, n)),
-        np.zeros(rows),
-        np.zeros((rows, 4)),
-        np.zeros(rows, dtype=np.bool_),
-    )
-
-
-def _rate(speed: Array, h: float) -> Array:
-    """Return the rate of the speed (T,), causal: what `RateOfSpeed` finds sample by sample."""
-    from scipy.signal import lfilter
-
-    share = -math.expm1(-h / _RATE_TIME)
-    smooth, _ = lfilter([share], [1.0, share - 1.0], speed, zi=[(1.0 - share) * speed[0]])
-    return np.asarray((speed - smooth) / _RATE_TIME)

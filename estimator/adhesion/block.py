@@ -19,7 +19,16 @@ if TYPE_CHECKING:
     from estimator.adhesion.ekf import Noise, Track
     from estimator.adhesion.start import Prior
 
-__all__ = ["N_TOLD", "Design", "Memory", "begin_filter", "end_block", "run_filter", "take_sample"]
+__all__ = [
+    "N_TOLD",
+    "Design",
+    "Memory",
+    "begin_filter",
+    "end_block",
+    "new_memory",
+    "run_filter",
+    "take_sample",
+]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -59,11 +68,23 @@ class Design(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What the filters keep from sample to sample: `Filter` in stacks, what they told, mean squares (n,)."""
+    """What n filters keep from sample to sample.
+
+    `Filter` in stacks; what they have told of the block so far (n, 8); the running mean of the normalised
+    squares of their innovations (n,); the speed smoothed (1,).
+    """
 
     filters: Filter
     told: Array
     squares: Array
+    speed: Array
+
+
+def new_memory(n: int) -> Memory:
+    """Return the memory of n filters before their start."""
+    shapes = ((N_X,), (N_X, N_X), (N_X,), (5,), (5, N_X), (7,))
+    filters = Filter(*(np.zeros((n, *shape)) for shape in shapes))
+    return Memory(filters, np.zeros((n, 8)), np.ones(n), np.zeros(1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -83,7 +104,17 @@ def begin_filter(  # pragma: no cover - compiled
     peak = min(peak, math.exp(landmarks(design.curves, design.curve[i, 1], v, 0.0)[1]))
     rails = design.rails[i]
     creep = start_creep(design.car, rails, v, torque, peak, design.held[i], design.creep[i])
-    start_filter(design.car, design.track, design.prior, rails, v, torque, creep, _one(memory.filters, i))
+    start_filter(
+        design.car,
+        design.track,
+        design.prior,
+        rails,
+        design.held[i],
+        v,
+        torque,
+        creep,
+        _one(memory.filters, i),
+    )
     memory.squares[i] = 1.0
 
 

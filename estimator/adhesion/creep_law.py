@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 _K_A, _K_S, _MU_0, _A, _B = range(5)
 #: Columns of the row that describes the patch: kappa (N), C11^2, C22^2 and the load (N).
 _KAPPA, _C11_2, _C22_2, _LOAD = range(4)
-#: Square of the creepage that is added to a^2 + b^2, so that the direction of no creepage is defined.
+#: Square of a creepage along the rail that is added, so that the secant at no creepage is that along it.
 _TINY = 1e-24
 
 
@@ -81,10 +81,10 @@ def creep_force(  # pragma: no cover - compiled
     return (
         F * x,
         F * y,
-        F_a * x + secant * y * y,
+        F_a * x + secant * (1.0 - x * x),
         F_b * x - secant * x * y,
         F_a * y - secant * x * y,
-        F_b * y + secant * x * x,
+        F_b * y + secant * (1.0 - y * y),
         F_s * x,
         F_s * y,
     )

@@ -40,8 +40,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 N_F = 4
-#: Normalised square of a sample's innovations from which the model is linearised again after it.
-_SURPRISE = 6.0
 #: What a step tells.
 LOG_L, SQUARE, COUNT, E_YAW, S_YAW, E_ACC, S_ACC, ON_WHEELS = range(8)
 
@@ -381,9 +379,7 @@ def filter_step(  # pragma: no cover - compiled
         x0[j] = x[j]
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
     told[ON_WHEELS] = kept.f[TORQUE]
-    before = told[SQUARE]
     _measure(noise, held, torque, z, usable, kept, work, told)
-    if told[SQUARE] - before > _SURPRISE:
-        for j in range(N_X):
-            x0[j] = x[j]
-        linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
+    for j in range(N_X):
+        x0[j] = x[j]
+    linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)

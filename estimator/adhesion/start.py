@@ -10,7 +10,23 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimator.adhesion.creep_law import creep_force, creep_scale
-from estimator.adhesion.motion import B_A, B_G, L_L, L_R, N_X, PSI, THETA, P, Q, R, S, U, Vehicle, Y
+from estimator.adhesion.motion import (
+    B_A,
+    B_G,
+    L_L,
+    L_R,
+    N_X,
+    PSI,
+    THETA,
+    P,
+    Q,
+    R,
+    S,
+    U,
+    Vehicle,
+    Y,
+    linearise,
+)
 
 if TYPE_CHECKING:
     from estimator.adhesion.ekf import Filter, Track
@@ -32,8 +48,8 @@ class Prior(NamedTuple):
     y: float = 1e-3
     guidance: float = 0.3
     lateral: float = 0.1
-    creep: float = 0.2
-    theta: float = 1e-3
+    creep: float = 0.1
+    theta: float = 3e-5
     s: float = 0.15
     b_g: float = 0.0
     b_a: float = 0.0
@@ -86,6 +102,7 @@ def start_filter(  # pragma: no cover - compiled
     track: Track,
     prior: Prior,
     rails: Array,
+    held: bool,
     v: float,
     torque: float,
     creep: float,
@@ -116,10 +133,10 @@ def start_filter(  # pragma: no cover - compiled
     for i in (L_L, L_R):
         for j in (L_L, L_R):
             C[i, j] = l2
-    C[L_L, L_L] *= 1.01
+    C[L_L, L_L] += 0.1 * l2
     if not math.isnan(torque):
         x[THETA] = 0.5 * torque / car.k_s
-    C[THETA, THETA] = prior.theta**2
+    C[THETA, THETA] = prior.theta**2 + (prior.creep * x[THETA]) ** 2
 
     a, b = track.Wc * v, track.Wr * v
     level = track.level * v**3
@@ -130,4 +147,5 @@ def start_filter(  # pragma: no cover - compiled
     C[B_G, B_G] = prior.b_g**2
     C[B_A, B_A] = prior.b_a**2
     for i in range(N_X):
-        kept.x0[i] = 0.0
+        kept.x0[i] = x[i]
+    linearise(car, rails, held, v, 0.0, x, C, kept.f, kept.J)

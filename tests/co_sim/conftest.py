@@ -177,7 +177,7 @@ def run_native():
 
     def run(component, u, t0=0.0, h=0.1):
         rows = _outputs(component, len(u))
-        status = _loop(*component.native(), t0, h, np.ascontiguousarray(u, dtype=np.float64), rows)
+        status = _loop(*component.native()[:2], t0, h, np.ascontiguousarray(u, dtype=np.float64), rows)
         if status:
             raise component.failure(status)
         return rows

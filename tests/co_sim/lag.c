@@ -18,7 +18,7 @@ enum { X, DIRECT, U, T, X0, TROUBLE_STEP, TROUBLE, NEGATIVE, LABEL };
 enum { OK, WARNING, DISCARD, ERROR, FATAL, TERMINATE };
 
 typedef struct {
-    double x, u, T, x0;
+    double x, u, T, x0, stop;
     int step, trouble_step, trouble, negative, initialised, worst;
     char label[64];
     const fmi2CallbackFunctions *callbacks2;
@@ -30,6 +30,7 @@ static Lag *create(void) {
     Lag *lag = calloc(1, sizeof(Lag));
     if (lag) {
         lag->T = 1.0;
+        lag->stop = INFINITY;
         lag->trouble_step = -1;
     }
     return lag;
@@ -107,7 +108,8 @@ EXPORT void *fmi2Instantiate(const char *name, int type, const char *guid, const
 }
 EXPORT void fmi2FreeInstance(void *c) { destroy(c); }
 EXPORT int fmi2SetupExperiment(void *c, int has_tolerance, double tolerance, double t0, int has_stop, double stop) {
-    (void)c; (void)has_tolerance; (void)tolerance; (void)t0; (void)has_stop; (void)stop;
+    (void)has_tolerance; (void)tolerance; (void)t0;
+    if (has_stop) ((Lag *)c)->stop = stop;
     return OK;
 }
 EXPORT int fmi2EnterInitializationMode(void *c) { (void)c; return OK; }
@@ -137,8 +139,10 @@ EXPORT int fmi2SetString(void *c, const unsigned r[], size_t n, const char *cons
     return status;
 }
 EXPORT int fmi2DoStep(void *c, double t, double h, int never_back) {
-    (void)t; (void)never_back;
+    (void)never_back;
     Lag *lag = c;
+    /* Without a tolerance for rounding, as simple exporters do it. */
+    if (t + h > lag->stop) return ERROR;
     int status = advance(lag, h);
     if (status != OK) {
         lag->callbacks2->logger(lag->callbacks2->componentEnvironment, "lag", status, "log",
@@ -169,8 +173,7 @@ EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, co
 EXPORT void fmi3FreeInstance(void *c) { destroy(c); }
 EXPORT int fmi3EnterInitializationMode(void *c, bool has_tolerance, double tolerance, double t0, bool has_stop,
                                        double stop) {
-    (void)c; (void)has_tolerance; (void)tolerance; (void)t0; (void)has_stop; (void)stop;
-    return OK;
+    return fmi2SetupExperiment(c, has_tolerance, tolerance, t0, has_stop, stop);
 }
 EXPORT int fmi3ExitInitializationMode(void *c) { initialise(c); return OK; }
 EXPORT int fmi3Terminate(void *c) { return terminate(c); }
@@ -200,6 +203,7 @@ EXPORT int fmi3DoStep(void *c, double t, double h, bool never_back, bool *event,
                       double *last) {
     (void)never_back;
     Lag *lag = c;
+    if (t + h > lag->stop) return ERROR;
     int status = advance(lag, h);
     *event = *early = false;
     *terminate = status == TERMINATE;

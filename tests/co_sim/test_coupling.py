@@ -301,7 +301,8 @@ def systems(draw):
         for j in range(2):
             source = int(rng.integers(0, n))
             x = int(rng.integers(0, sizes[source]))
-            wires.append(Connection(f"c{source}.x{x}", f"c{i}.u{j}", *rng.uniform(-0.5, 0.5, 2)))
+            gain, offset = rng.uniform(-0.5, 0.5, 2) if rng.random() < 0.7 else (1.0, 0.0)
+            wires.append(Connection(f"c{source}.x{x}", f"c{i}.u{j}", gain, offset))
     order = draw(st.permutations(range(n)))
 
     def build(*, permuted=False):
@@ -323,6 +324,15 @@ def trajectory(system, *, compiled=True, n_steps=25):
 @given(build=systems())
 def test_compiled_and_interpreted_loops_give_the_same_bits(build):
     np.testing.assert_array_equal(trajectory(build()).table, trajectory(build(), compiled=False).table)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_value_that_passes_unchanged_keeps_the_sign_of_zero(compiled):
+    source = FunctionComponent(lambda t, u: [-0.0], outputs=[Port("zero")])
+    sign = FunctionComponent(lambda t, u: [math.copysign(1.0, u[0])], inputs=[Port("u")], outputs=[Port("y")])
+    wires = [Connection("zero.zero", "sign.u")]
+    recorder = trajectory(System({"zero": source, "sign": sign}, wires), compiled=compiled, n_steps=2)
+    assert recorder["sign.y"][-1] == -1.0
 
 
 @settings(deadline=None, max_examples=60)

@@ -88,7 +88,7 @@ def test_a_quarter_car_diverges_at_10_ms_and_the_run_says_so():
 def test_a_short_run_that_diverges_is_told_as_well():
     """Two windows after the kerb it warns, three windows after it stops."""
     with Master(quarter_car(1e-2)) as master, pytest.warns(CouplingWarning, match="-fold without pause"):
-        master.run(2.0)
+        master.run(1.2)
     with pytest.raises(RunError, match="-fold without pause"):
         Master(quarter_car(1e-2)).run(2.7)
 

@@ -1,11 +1,15 @@
+import re
 import tempfile
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from co_sim import Connection, Constant, FmuComponent, InputError, Master, Port, Recorder, RunError, System
+from co_sim.fmi import Slave
 
 
 @pytest.fixture(autouse=True)
@@ -237,3 +241,74 @@ def test_an_fmu_that_refuses_to_be_instantiated_tells_why(lag_fmu, tmp_path):
     stranger = edited(lag_fmu, tmp_path, ('guid="lag"', 'guid="x"'), ('Token="lag"', 'Token="x"'))
     with pytest.raises(RunError, match=r"Failed to instantiate.*; its log says .wrong token x"):
         Master(System({"lag": FmuComponent(stranger)})).start()
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(t0=st.floats(-1e5, 1e5), h=st.floats(1e-4, 1.0), n=st.integers(1, 40))
+def test_no_step_ends_behind_the_stop_time_by_a_rounding_error(lag_fmu, t0, h, n):
+    with Master(System({"lag": FmuComponent(lag_fmu)}, step=h), t0, stop_time=t0 + n * h) as master:
+        master.run(n_steps=n)
+        with pytest.raises(InputError, match="beyond which FMUs refuse to go"):
+            master.run(n_steps=1)
+
+
+def test_an_fmu_is_told_the_stop_time_and_refuses_to_go_beyond(lag_fmu):
+    component = FmuComponent(lag_fmu)
+    component.stop_time = 1.0
+    component.start(0.0, 0.5)
+    component.exchange(np.zeros(1), np.zeros(2))
+    component.enter_steps()
+    component.step(0.5, 0.5, np.zeros(1), np.zeros(2))
+    with pytest.raises(Exception, match="doStep returned the status error"):
+        component.step(1.0, 0.5, np.zeros(1), np.zeros(2))
+    component.close()
+
+
+def test_a_run_in_pieces_has_no_stop_time(lag_fmu):
+    with Master(System({"lag": FmuComponent(lag_fmu)}, step=0.5)) as master:
+        for _ in range(3):
+            master.run(1.0)
+
+
+@pytest.mark.parametrize("stop_time", [1.3, -1.0, np.nan, np.inf])
+def test_a_stop_time_between_steps_is_refused(lag_fmu, stop_time):
+    with pytest.raises(InputError, match="duration: got"):
+        Master(System({"lag": FmuComponent(lag_fmu)}, step=0.5), stop_time=stop_time)
+
+
+@pytest.mark.parametrize(
+    ("default", "given", "told"),
+    [(None, None, None), ("1e-5", None, 1e-5), ("1e-5", 1e-7, 1e-7), (None, 1e-3, 1e-3)],
+)
+def test_the_tolerance_is_that_of_the_user_or_of_the_default_experiment(
+    lag_fmu, tmp_path, monkeypatch, default, given, told
+):
+    path = tmp_path / "lag.fmu"
+    with zipfile.ZipFile(lag_fmu) as source, zipfile.ZipFile(path, "w") as target:
+        for name in source.namelist():
+            data = source.read(name)
+            if name == "modelDescription.xml" and default:
+                experiment = f'<DefaultExperiment tolerance="{default}"/><ModelVariables>'
+                data = re.sub(b"<DefaultExperiment[^>]*/>", b"", data)
+                data = data.replace(b"<ModelVariables>", experiment.encode())
+            target.writestr(name, data)
+    calls = {}
+
+    def spy(self, name, *arguments):
+        calls[name] = [getattr(a, "value", a) for a in arguments]
+        return call(self, name, *arguments)
+
+    call = Slave._call
+    monkeypatch.setattr(Slave, "_call", spy)
+    fmu = FmuComponent(path, tolerance=given)
+    assert fmu.tolerance == told
+    with Master(System({"lag": fmu}, step=0.5), 1.0, stop_time=2.0) as master:
+        master.run(1.0)
+    (arguments,) = (calls[name] for name in ("SetupExperiment", "EnterInitializationMode") if calls.get(name))
+    assert arguments == [told is not None, told or 0.0, 1.0, True, 2.0]
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1e-3, np.nan, np.inf])
+def test_a_tolerance_that_is_none_is_refused(lag_fmu, tolerance):
+    with pytest.raises(InputError, match=r"tolerance of lag.*a positive number"):
+        FmuComponent(lag_fmu, tolerance=tolerance)

@@ -3,6 +3,7 @@
 Each description has what one family of exporters is known for; none is a copy of theirs.
 """
 
+import io
 import time
 import warnings
 import zipfile
@@ -392,3 +393,41 @@ def test_nothing_that_is_optional_is_needed(tmp_path, fmi, kind):
     assert set(runs[1].units) == {"1"}
     np.testing.assert_array_equal(runs[0].table, runs[1].table)
     assert np.ptp(runs[0].table[:, 0]) > 1e-5
+
+
+class _Stream(io.RawIOBase):
+    """A file that cannot be rewound: archives written into it tell sizes behind their entries."""
+
+    def __init__(self):
+        self.data = bytearray()
+
+    def writable(self):
+        return True
+
+    def write(self, data):
+        self.data += data
+        return len(data)
+
+
+@pytest.mark.parametrize("manner", ["mark", "utf-16", "undeclared", "stream", "stub in front"])
+def test_encodings_and_archives_in_the_manner_of_others(lag_fmu, tmp_path, manner):
+    changes = {
+        "mark": lambda data: b"\xef\xbb\xbf" + data,
+        "utf-16": lambda data: data.decode().replace("UTF-8", "UTF-16").encode("utf-16"),
+        "undeclared": lambda data: data.partition(b"?>")[2].strip(),
+    }
+    stream = _Stream()
+    with zipfile.ZipFile(lag_fmu) as source, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as target:
+        for name in source.namelist():
+            data = source.read(name)
+            change = changes.get(manner, bytes)
+            target.writestr(name, change(data) if name == "modelDescription.xml" else data)
+        target.writestr("resources/", b"")
+        target.writestr("resources/Kennfeld für Räder.txt", b"")
+    stub = b"#!/bin/sh\n" if manner == "stub in front" else b""
+    path = tmp_path / "a folder ü #%" / "mo del.fmu"
+    path.parent.mkdir()
+    path.write_bytes(stub + bytes(stream.data))
+    with Master(System({"lag": FmuComponent(path)}, step=0.25)) as master:
+        master.run(0.5)
+        assert master.values[0] == pytest.approx(0.5 * (1.0 - np.exp(-0.5)))

@@ -153,3 +153,16 @@ def test_a_loop_of_gain_one_has_no_linear_model():
 def test_unknown_ends_are_refused(inputs, outputs):
     with Master(System({"mass": mass(1.0)})) as master, pytest.raises(InputError, match="did you mean"):
         linearize(master, inputs, outputs)
+
+
+def test_ends_are_chosen_as_signals_of_observers_are():
+    """Brackets stand for themselves; what begins with an exclamation mark is taken out."""
+    part = LinearComponent(
+        control.ss([], [], [], np.eye(3)),
+        [Port("u", start=0.0, shape=(3,))],
+        [Port("y", shape=(3,))],
+    )
+    with Master(System({"a": part, "b": mass(1.0)})) as master:
+        found = linearize(master, inputs=["a.u[2]", "a.u[?]", "!a.u[3]"], outputs=["!b.v", "!a.y[1]"])
+    assert found.inputs == ("a.u[1]", "a.u[2]")
+    assert found.outputs == ("a.y[2]", "a.y[3]", "b.z")

@@ -11,6 +11,7 @@ from co_sim import (
     Coupling,
     ExchangeFmu,
     FmuComponent,
+    FunctionComponent,
     LinearComponent,
     Master,
     Port,
@@ -19,6 +20,7 @@ from co_sim import (
     check_coupling,
     linearize,
 )
+from co_sim.layout import lay_out
 from fmu_wheelset import path
 
 #: A bogie frame that is held in the middle of the track by itself, and pulls the wheelset along.
@@ -78,14 +80,42 @@ def trajectory(system, n_steps=100, **options):
 
 
 @pytest.mark.parametrize("order", [0, 2])
-@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "iterated"])
 def test_both_loops_give_the_same_bits(algorithm, order):
     compiled, interpreted = (
-        trajectory(running_gear(algorithm=algorithm, order=order), compiled=compiled)
+        trajectory(running_gear(algorithm=algorithm, order=order), 50, compiled=compiled)
         for compiled in (True, False)
     )
     np.testing.assert_array_equal(compiled.table, interpreted.table)
     assert np.ptp(compiled["rear.lateral_displacement"]) > 1e-6
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_inputs_that_stand_in_the_row_are_those_that_would_be_copied(fmi):
+    def push(outputs, gain=1.0):
+        values = {"F": lambda t: 1e3 * np.sin(90.0 * t) / gain, "creep": lambda t: 1e-3, "other": np.cos}
+        source = FunctionComponent(
+            lambda t, u: [values[name](t) for name in outputs], outputs=[Port(name) for name in outputs]
+        )
+        wires = [
+            Connection("source.F", "wheelset.suspension_lateral_force", gain=gain, convert_units=False),
+            Connection("source.creep", "wheelset.prescribed_creepage"),
+        ]
+        return System({"source": source, "wheelset": wheelset(fmi)}, wires, step=1e-3)
+
+    apart = push(["F", "other", "creep"])
+    copied = trajectory(apart, compiled=False)["wheelset.yaw_rate"]
+    assert np.ptp(copied) > 0.0
+    systems = [
+        (1, push(["other", "F", "creep"])),
+        (None, apart),
+        (None, push(["creep", "F"])),
+        (None, push(["F", "creep"], gain=0.5)),
+    ]
+    for stretch, system in systems:
+        layout = lay_out(system)
+        assert layout.stretch(layout.parts[1]) == stretch
+        np.testing.assert_array_equal(trajectory(system)["wheelset.yaw_rate"], copied)
 
 
 def test_fmi_2_and_3_give_the_same_bits_in_a_coupled_run():

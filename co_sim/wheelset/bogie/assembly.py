@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import resources
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
@@ -17,6 +18,8 @@ from typing import TYPE_CHECKING
 
 from co_sim.component import Port
 from co_sim.coupling import Coupling
+from co_sim.errors import InputError
+from co_sim.fmi import this_platform
 from co_sim.fmu import FmuComponent
 from co_sim.signals import Constant
 from co_sim.system import Connection, System
@@ -29,7 +32,16 @@ if TYPE_CHECKING:
     from co_sim.component import Component
     from co_sim.wheelset.track import TrackProfile
 
-__all__ = ["HALF_WHEELBASE", "WHEELSETS", "Ride", "assemble", "assemble_fmus", "build_frame", "build_track"]
+__all__ = [
+    "HALF_WHEELBASE",
+    "WHEELSETS",
+    "Ride",
+    "assemble",
+    "assemble_fmus",
+    "build_frame",
+    "build_track",
+    "require_exporter",
+]
 
 #: Half of the distance between the wheelsets, m; the frame's parameter ``a``.
 HALF_WHEELBASE = 1.28
@@ -62,6 +74,20 @@ class Ride:
         return 2.0 * HALF_WHEELBASE / self.speed
 
 
+def require_exporter() -> None:
+    """Raise `InputError` if FMUs that PythonFMU3 exports would have no library for this platform."""
+    places = resources.files("pythonfmu3") / "resources" / "binaries"
+    known = sorted(place.name for place in places.iterdir() if place.is_dir())
+    here = this_platform(3)
+    if here not in known:
+        raise InputError(
+            f"the exporter of frame and track, PythonFMU3 {version('pythonfmu3')}",
+            got=f"no library for this platform, {here}",
+            expected=f"one; it has {', '.join(known)}",
+            remedy="run the bogie on one of these; the wheelset itself runs here",
+        )
+
+
 def build_frame(folder: Path) -> Path:
     """Export the frame by PythonFMU3 into a folder, which need not exist, and return the FMU."""
     return _export("bogie_frame", folder)
@@ -84,6 +110,7 @@ def _export(name: str, folder: Path, files: Sequence[Path] = ()) -> Path:
     """Make an FMU of a module of this package, with files as its resources."""
     from pythonfmu3 import FmuBuilder
 
+    require_exporter()
     script = resources.files("co_sim.wheelset.bogie") / f"{name}.py"
     options = {"canGetAndSetFMUState": True, "canSerializeFMUState": True}
     with resources.as_file(script) as file:

@@ -72,6 +72,7 @@ def choose(
     *,
     candidates: Sequence[Coupling] = CANDIDATES,
     steps: Sequence[float] = _STEPS,
+    in_process: bool = False,
 ) -> Choice:
     """Return the coupling with the largest step that keeps every error below 1 % of its signal's range.
 
@@ -80,6 +81,7 @@ def choose(
     system : makes the system for a step (s) and a coupling. duration : of each run that is compared, s.
     candidates : all are tried with the first step; the best of them goes on to smaller ones.
     steps : that may be chosen, s, in falling order.
+    in_process : as of `check_coupling`.
 
     Raises
     ------
@@ -88,7 +90,8 @@ def choose(
     """
 
     def trial(step: float, coupling: Coupling) -> Trial:
-        return Trial(coupling, check_coupling(system(step, coupling), duration, patterns=_COUPLED))
+        check = check_coupling(system(step, coupling), duration, patterns=_COUPLED, in_process=in_process)
+        return Trial(coupling, check)
 
     tried = tuple(trial(steps[0], coupling) for coupling in candidates)
     best = min(tried, key=lambda each: each.error)

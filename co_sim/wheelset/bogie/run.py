@@ -12,7 +12,15 @@ import numpy as np
 from co_sim.files import whole_file
 from co_sim.master import Master
 from co_sim.observers import CsvWriter, Recorder
-from co_sim.wheelset.bogie.assembly import Ride, assemble, assemble_fmus, build_frame, build_track
+from co_sim.supervisor import Supervised, start_server
+from co_sim.wheelset.bogie.assembly import (
+    Ride,
+    assemble,
+    assemble_fmus,
+    build_frame,
+    build_track,
+    require_exporter,
+)
 from co_sim.wheelset.bogie.choice import choose
 from co_sim.wheelset.track import synthesise
 from estimator.track_spectrum import ERRI_B176
@@ -42,12 +50,14 @@ class BogieRun:
     Parameters
     ----------
     frame : the FMU of the frame. ride : what it runs on. seed : of the track. choice : of the coupling.
+    in_process : run in this process, without protection, instead of supervised: for debugging.
     """
 
     frame: Path
     ride: Ride
     seed: int
     choice: Choice
+    in_process: bool = False
 
     def simulate(self, folder: Path, observers: Sequence[Observer] = ()) -> Recorder:
         """Run for `DURATION`, write results.csv on the way and return the same rows.
@@ -61,21 +71,26 @@ class BogieRun:
         recorder = Recorder(every=every)
         writer = CsvWriter(folder / "results.csv", every=every)
         system = assemble(self.frame, self.ride, step=self.choice.step, coupling=self.choice.coupling)
-        with Master(system, observers=[recorder, writer, *observers]) as master:
+        master_type: type[Master | Supervised] = Master if self.in_process else Supervised
+        with master_type(system, observers=[recorder, writer, *observers], stop_time=DURATION) as master:
             master.run(DURATION)
         return recorder
 
     def write(self, record: Recorder, folder: Path) -> None:
-        """Write figures, summary.json and report.html; a file of an earlier run is replaced."""
+        """Write figures, summary.json and report.html, after `write_system`; earlier files are replaced."""
+        from co_sim.diagram.drawing import draw as draw_diagram
+        from co_sim.ssp.summary import summarise
         from co_sim.wheelset.bogie.figures import draw
         from co_sim.wheelset.bogie.report import write_report
 
         figures = folder / "figures"
         figures.mkdir(exist_ok=True)
-        drawings = draw(record, figures)
+        system = figures / "bogie_system.png"
+        draw_diagram(summarise(folder / "bogie.ssp").pictures, system)
+        drawings = [system, *draw(record, figures)]
         with whole_file(folder / "summary.json") as temporary:
             temporary.write_text(json.dumps(self._summary(record), indent=2) + "\n", encoding="utf-8")
-        write_report(self, drawings, folder / "report.html")
+        write_report(self, record, drawings, folder / "report.html")
 
     def write_system(self, folder: Path) -> None:
         """Write bogie.ssp: the same system of FMUs alone, with the step and coupling that were chosen."""
@@ -105,20 +120,32 @@ class BogieRun:
         }
 
 
-def prepare(folder: Path, seed: int = 1) -> BogieRun:
+def prepare(folder: Path, seed: int = 1, *, in_process: bool = False) -> BogieRun:
     """Put both FMUs into `folder`, which is made, draw the track and choose the coupling.
+
+    Parameters
+    ----------
+    folder : for the FMUs. seed : of the track.
+    in_process : make all runs in this process, without protection, instead of supervised: for debugging.
 
     Raises
     ------
     InputError
-        If the frame's FMU has no library for this platform, or no coupling is good enough.
+        If the exporter has no library for this platform, in which case nothing is written, or no coupling is
+        good enough.
     """
+    require_exporter()
+    if not in_process:
+        # It gets ready while the FMUs are built.
+        start_server(assemble.__module__)
     folder.mkdir(parents=True, exist_ok=True)
     frame = build_frame(folder)
     shutil.copyfile(path(fmi=3), folder / "wheelset.fmu")
     track = synthesise(ERRI_B176["erri_low"], _SPEED * DURATION, np.random.default_rng(seed))
     ride = Ride(track, speed=_SPEED)
     choice = choose(
-        lambda step, coupling: assemble(frame, ride, step=step, coupling=coupling), duration=CHECKED
+        lambda step, coupling: assemble(frame, ride, step=step, coupling=coupling),
+        duration=CHECKED,
+        in_process=in_process,
     )
-    return BogieRun(frame, ride, seed, choice)
+    return BogieRun(frame, ride, seed, choice, in_process)

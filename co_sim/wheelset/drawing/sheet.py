@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from co_sim.files import whole_file
+from co_sim.wheelset.prose.words import power_of_ten
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,6 +27,7 @@ __all__ = [
     "Sheet",
     "colour",
     "dashes",
+    "decades",
     "envelope",
     "label_lines",
     "label_margin",
@@ -124,6 +126,14 @@ def shorten(name: str, length: int = 20) -> str:
         return name
     head = (length - 1) // 2
     return f"{name[:head]}…{name[len(name) - (length - 1 - head) :]}"
+
+
+def decades(ax: Axes, which: Literal["x", "y"]) -> None:
+    """Make an axis logarithmic with labels such as 10⁻³: matplotlib's own are formulas (see `STYLE`)."""
+    (ax.set_xscale if which == "x" else ax.set_yscale)("log")
+    axis = ax.xaxis if which == "x" else ax.yaxis
+    axis.set_major_formatter(lambda value, _: power_of_ten(value))
+    axis.set_minor_formatter(lambda value, _: "")
 
 
 def thin(t: Array, x: Array, bins: int = 600) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["capital", "listed", "number", "percent", "quantity", "span"]
+__all__ = ["capital", "listed", "number", "percent", "power_of_ten", "quantity", "span"]
 
 # Space that holds a number and its unit together.
 _NBSP = "\u00a0"
@@ -28,6 +28,12 @@ def number(value: float, digits: int = 3) -> str:
     else:
         text = f"{mantissa}·10{str(power).translate(_SUPERSCRIPTS)}"
     return text.replace("-", "\u2212")
+
+
+def power_of_ten(value: float) -> str:
+    """Return a power of ten as ``1000``, ``0.01`` or ``10⁻⁷``; other numbers as `number` does."""
+    text = number(value, 1)
+    return text.removeprefix("1·")
 
 
 def percent(share: float) -> str:

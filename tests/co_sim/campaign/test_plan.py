@@ -78,6 +78,7 @@ def test_the_key_is_of_what_decides_the_cases():
         ({"grid": {"a": (1, 1)}}, "distinct"),
         ({"grid": {"a": (1,)}, "fixed": {"a": 2}}, "more than one of grid, draw and fixed"),
         ({"grid": {"a": (1,)}, "common": ("b",)}, "quantities of the grid"),
+        ({"grid": {"a": (1,)}, "variant": {"x": {"a": 2}}}, "in grid and in a variant"),
         ({"draw": {"a": {}}}, "no distribution"),
         ({"draw": {"a": {"uniform": (0, 1), "normal": (0, 1)}}}, "keep one"),
         ({"draw": {"a": {"uniform": (1, 1)}}}, "swap"),
@@ -88,3 +89,20 @@ def test_the_key_is_of_what_decides_the_cases():
 def test_faults_are_told(fields, told):
     with pytest.raises(ValidationError, match=told):
         Plan(**fields)
+
+
+def test_variants_share_random_numbers_and_have_values_of_their_own():
+    plan = Plan(
+        grid={"v": (20, 40)},
+        repeat=2,
+        draw={"m": {"normal": (1.0, 0.1)}},
+        fixed={"k": 1.0},
+        variant={"as it is": {}, "soft": {"k": 0.9}, "heavy": {"m": 1.1}},
+    )
+    cases = list(plan.cases())
+    assert len(cases) == plan.size == 12
+    for plain, soft, heavy in zip(cases[::3], cases[1::3], cases[2::3], strict=True):
+        assert (plain.variant, soft.variant, heavy.variant) == ("as it is", "soft", "heavy")
+        assert plain.seed == soft.seed == heavy.seed
+        assert soft.values == plain.values | {"k": 0.9}
+        assert heavy.values == plain.values | {"m": 1.1}

@@ -10,8 +10,8 @@ import fmpy
 import pytest
 
 import fmu_wheelset
-from co_sim.checking import check_fmu
-from co_sim.checking.shared_library import read_library
+from co_sim.checking import check_fmu, shared_library
+from co_sim.checking.shared_library import read_libraries
 from co_sim.wheelset.cli import main
 
 HERE = fmpy.sharedLibraryExtension
@@ -351,9 +351,52 @@ def test_a_file_that_is_no_fmu_is_refused(tmp_path, capsys):
     assert "expected one of .fmu" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("data", [b"", b"MZ" + bytes(100), b"\x7fELF", struct.pack(">2I", 0xCAFEBABE, 0)])
-def test_what_is_no_library_is_none(data):
-    assert read_library(data) is None
+def test_what_is_no_library_is_none(tmp_path):
+    files = []
+    for i, data in enumerate((b"", b"MZ" + bytes(100), b"\x7fELF", struct.pack(">2I", 0xCAFEBABE, 0))):
+        files.append(tmp_path / str(i))
+        files[i].write_bytes(data)
+    assert list(read_libraries(files)) == [None] * 4
+
+
+@pytest.mark.parametrize(
+    ("deed", "expected"),
+    [
+        ("os.abort()", "was ended by SIGABRT"),
+        ("os.kill(os.getpid(), 11)", "was ended by SIGSEGV"),
+        ("os._exit(3)", "ended with exit code 3"),
+        ("time.sleep(60)", "did not come back within 3 s"),
+        ("print('{half', end=''); sys.stdout.flush(); os._exit(0)", "ended with exit code 0"),
+    ],
+)
+def test_a_library_that_kills_its_reader_is_told_and_the_others_are_read(
+    tmp_path, monkeypatch, deed, expected
+):
+    """In place of a library that breaks lief stands a reader that breaks by itself."""
+    reader = tmp_path / "reader.py"
+    reader.write_text(
+        "import json, os, sys, time\n"
+        "for file in sys.argv[3:]:\n"
+        f"    if file.endswith('bad'): {deed}\n"
+        "    print('null', flush=True)\n",
+        encoding="utf-8",
+    )
+    monkeypatch.setattr(shared_library, "_READER", reader)
+    monkeypatch.setattr(shared_library, "_TIME", 3)
+    files = [tmp_path / name for name in ("good", "bad", "better", "best")]
+    for file in files:
+        file.touch()
+    first, bad, *others = read_libraries(files)
+    assert first is None
+    assert expected in bad
+    assert others == [None, None]
+
+
+def test_a_reader_that_dies_is_a_finding(packed, tmp_path, monkeypatch):
+    reader = tmp_path / "reader.py"
+    reader.write_text("import os\nos.abort()\n", encoding="utf-8")
+    monkeypatch.setattr(shared_library, "_READER", reader)
+    only(packed(2), "error libraries: binaries/", "the process that read it was ended by SIGABRT")
 
 
 @pytest.mark.parametrize(
@@ -366,7 +409,7 @@ def test_what_is_no_library_is_none(data):
 )
 def test_libraries_of_other_systems_are_read(name, form, machine):
     """The libraries are those that fmpy brings for each system."""
-    library = read_library((Path(fmpy.__file__).parent / "logging" / name).read_bytes())
+    (library,) = read_libraries([Path(fmpy.__file__).parent / "logging" / name])
     assert library.format == form
     assert machine in library.machines
     assert "addLoggerProxy" in library.exports

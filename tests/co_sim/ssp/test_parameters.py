@@ -203,3 +203,8 @@ def test_names_that_mean_several_variables(pack):
     inner = system(component("b"), name="a")
     text = ssd(system(component("a.b") + inner, before=bindings(inline(real("a.b.T", 4)))))
     assert bound(pack, text, "a/b") == bound(pack, text, "a%2Eb") == {"T": 4.0}
+
+
+@pytest.mark.parametrize("unit", ["1", "-"])
+def test_a_tool_that_knows_no_unit_converts_none(pack, unit):
+    assert bound(pack, ssd(system(component("lag", bindings(inline(real("T", "3", unit))))))) == {"T": 3.0}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import read_ssd
+from pyssp_standard.ssp import SSP
 
 from co_sim import (
     Connection,
@@ -250,3 +251,43 @@ def test_a_system_that_was_read_goes_to_another_process(tmp_path, lag_fmus):
         master.run(1.0)
     del copied
     assert found.components["a"].path.exists()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_tolerances_are_kept_unless_the_reader_asks_for_others(tmp_path, version):
+    parts = {
+        "own": FmuComponent(wheelset(fmi=2), tolerance=1e-7),
+        "integrated": ExchangeFmu(wheelset(fmi=3), tolerance=1e-5),
+        "none": FmuComponent(wheelset(fmi=3)),
+    }
+    path = tmp_path / "t.ssp"
+    write_ssp(System(parts, step=1e-3), path, version=version)
+    assert schema_faults(path) == []
+    found = read_ssp(path).components
+    assert [part.tolerance for part in found.values()] == [1e-7, 1e-5, None]
+    assert {part.tolerance for part in read_ssp(path, tolerance=1e-4).components.values()} == {1e-4}
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_pyssp_standard_opens_it_and_finds_it_valid(tmp_path, version):
+    """An independent reader of SSP 1.0 and 2.0, with the schemas in XML Schema 1.1, whose rules say more."""
+    parts = {
+        name: FmuComponent(wheelset(fmi=3), outputs=["yaw_rate"], parameters={"m_w": mass})
+        for name, mass in (("front", 1300.0), ("rear", 1400.0))
+    }
+    wire = Connection("front.yaw_rate", "rear.suspension_yaw_moment", convert_units=False)
+    path = tmp_path / "two.ssp"
+    write_ssp(System(parts, [wire], step=1e-3), path, version=version, start_time=0.5, stop_time=2.0)
+    with SSP(path, mode="r") as package, package.system_structure as found:
+        found.__check_compliance__()
+        assert (found.version, found.name) == (version, "two")
+        assert (found.default_experiment.start_time, found.default_experiment.stop_time) == (0.5, 2.0)
+        assert [(part.name, part.source) for part in found.system.elements] == [
+            (name, "resources/wheelset_fmi3.fmu") for name in parts
+        ]
+        (connection,) = found.connections()
+        assert (connection.start_element, connection.start_connector) == ("front", "yaw_rate")
+        assert (connection.end_element, connection.end_connector) == ("rear", "suspension_yaw_moment")
+        bound = [part.parameter_bindings[0].ssv.parameters[0] for part in found.system.elements]
+        assert [one["name"] for one in bound] == ["m_w", "m_w"]
+        assert [float(one["type_value"].parameter["value"]) for one in bound] == [1300.0, 1400.0]

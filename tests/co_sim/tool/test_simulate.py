@@ -65,6 +65,7 @@ def test_the_error_of_the_coupling_is_shown(tmp_path, capsys):
         ([FMU, "--start", "2", "--stop", "1"], "expected 2 s or later"),
         ([FMU, "--stop", "0.0015", "--step", "0.001"], "a multiple of the step"),
         ([FMU, "--record", "*.nothing"], "*.nothing"),
+        ([FMU, "--tolerance", "0"], "a positive number"),
     ],
 )
 def test_mistakes_are_told_and_nothing_is_written(arguments, expected, tmp_path, capsys):

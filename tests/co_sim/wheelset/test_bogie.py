@@ -4,6 +4,7 @@ import csv
 import json
 from dataclasses import replace
 
+import fmpy
 import numpy as np
 import pytest
 from hypothesis import given
@@ -273,6 +274,7 @@ def test_the_command_writes_all_that_it_says(tmp_path, monkeypatch, capsys):
         "results.csv",
         "summary.json",
         "report.html",
+        "figures/bogie_system.png",
         "figures/bogie_motion.png",
         "figures/bogie_loads.png",
     }
@@ -284,5 +286,19 @@ def test_the_command_writes_all_that_it_says(tmp_path, monkeypatch, capsys):
     assert len(rows) == 501
     assert "frame.front.lateral_force [N]" in header
     page = (out / "report.html").read_text()
-    assert page.count("data:image/png;base64,") == 2
+    assert page.count("data:image/png;base64,") == 3
     assert summary["check"]["sentence"] in page
+
+
+def test_a_platform_that_the_exporter_does_not_know_is_told_before_anything_is_written(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(fmpy, "platform_tuple", "aarch64-linux")
+    with pytest.raises(SystemExit) as caught:
+        main(["run", "bogie", "--out", str(tmp_path / "out")])
+    assert caught.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "PythonFMU3" in line
+    assert "got no library for this platform, aarch64-linux" in line
+    assert "it has x86_64-linux, x86_64-windows" in line
+    assert not list(tmp_path.iterdir())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
 import subprocess
 import sys
 from importlib.metadata import version
@@ -49,7 +50,13 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_files_that_a_run_writes(results: Path) -> None:
-    assert {p.name for p in results.iterdir()} == {"results.csv", "summary.json", "report.html", "figures"}
+    assert {p.name for p in results.iterdir()} == {
+        "results.csv",
+        "summary.json",
+        "report.html",
+        "figures",
+        "logs",
+    }
     figures = {p.name for p in (results / "figures").iterdir()}
     assert {
         "fig2_creep_curve.png",
@@ -83,6 +90,14 @@ def test_summary_holds_scenario_seed_versions_and_the_answer(results: Path) -> N
         assert sum(stretch["share_smallest"].values()) == pytest.approx(1.0)
         assert set(stretch["mean_probability"]) == {"dry-P1", "dry-P2", "dry-P3"}
         assert stretch["truth"]["left.adhesion_peak"] == pytest.approx(0.40364, abs=1e-5)
+
+
+def test_logs_are_what_identify_reads(results: Path) -> None:
+    assert {p.name for p in (results / "logs").iterdir()} == {"P1.csv", "P2.csv", "P3.csv"}
+    with (results / "logs" / "P1.csv").open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["time", "yaw_rate", "lateral_acceleration", "speed"]
+    assert len(rows) == 2001
 
 
 def test_rerun_gives_the_same_bytes(results: Path, tmp_path: Path) -> None:
@@ -189,6 +204,31 @@ def test_interrupt_leaves_nothing_half_written(
     assert call("run", str(tmp_path / "x.toml"), "--out", str(tmp_path / "out")) == 130
     assert capsys.readouterr().err.strip() == "interrupted; files that are there are complete"
     assert [p.name for p in tmp_path.iterdir()] == ["x.toml"]
+
+
+def test_an_interrupt_in_a_watched_run_keeps_the_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from co_sim.wheelset import cli
+
+    begun = 0
+
+    def begin(self: object, *_: object) -> None:
+        nonlocal begun
+        begun += 1
+
+    def interrupted(self: object, k: int, t: float, bus: object) -> None:
+        if begun == 4 and k > 1000:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(cli._ProgressBar, "begin", begin)
+    monkeypatch.setattr(cli._ProgressBar, "observe", interrupted)
+    (tmp_path / "x.toml").write_text(SHORT, encoding="utf-8")
+    assert call("run", str(tmp_path / "x.toml"), "--out", str(tmp_path / "out")) == 130
+    assert "stopped early, P1: interrupted at t = " in capsys.readouterr().err
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert [run["stopped"][:11] for run in summary["runs"]] == ["interrupted"]
+    assert "interrupted at" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("fmi", ["2", "3"])

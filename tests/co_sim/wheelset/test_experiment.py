@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,6 +13,13 @@ from co_sim.errors import InputError
 from co_sim.wheelset.experiment import Laboratory
 from co_sim.wheelset.results import Experiment, Run
 from co_sim.wheelset.scenario_file import load_scenario, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from co_sim.system import Signal
 
 SHORT = "[simulation]\nduration = 1.5\n[identifier]\ntraining = 1.5\n"
 
@@ -151,3 +160,43 @@ def test_free_rolling_stays_in_the_linear_region() -> None:
     assert run.point is None
     assert np.abs(run.signals["plant.left.creepage_x"]).max() < 1e-3
     assert run.valid_until == run.time[-1] == 1.5
+
+
+def test_supervised_and_in_process_give_the_same_bits() -> None:
+    scenario = parse(SHORT, "x.toml")
+    one, other = (Laboratory(scenario, "x", Path(), in_process=alone).run() for alone in (False, True))
+    assert [run.name for run in one.runs] == ["P1", "P2", "P3"]
+    for a, b in zip(one.runs, other.runs, strict=True):
+        assert a.table.tobytes() == b.table.tobytes()
+        assert a.probabilities.tobytes() == b.probabilities.tobytes()
+
+
+class Impatience:
+    """Observer that presses Ctrl-C in the second of the runs that are watched."""
+
+    def __init__(self, run: int) -> None:
+        self._left = run
+
+    def begin(self, signals: Sequence[Signal], t0: float, h: float, n_steps: int) -> None:
+        self._left -= 1
+
+    def observe(self, k: int, time: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+        if self._left == 0 and k > 300:
+            signal.raise_signal(signal.SIGINT)
+
+    def end(self, error: BaseException | None) -> None: ...
+
+
+@pytest.mark.parametrize("in_process", [False, True])
+def test_an_interrupt_keeps_what_there_is_and_ends_the_experiment(in_process: bool) -> None:
+    laboratory = Laboratory(parse(SHORT, "x.toml"), "x", Path(), in_process=in_process)
+    experiment = laboratory.run([Impatience(5)])
+    first, second = experiment.runs
+    assert (first.stopped, first.interrupted) == (None, False)
+    assert second.interrupted
+    assert second.stopped == f"interrupted at t = {second.time[-1]:g} s"
+    # What the other process had computed ahead is kept too.
+    assert 0.3 < second.time[-1] <= 1.5
+    # In training there is nothing yet to be kept.
+    with pytest.raises(KeyboardInterrupt):
+        laboratory.run([Impatience(2)])

@@ -7,8 +7,10 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from co_sim import Master, System, linearize
 from co_sim.fmu import FmuComponent
 from estimator import CreepCurve, OperatingPoint, operating_points, wheelset_model
+from estimator.linear_models import full_model
 from fmu_wheelset import CONDITIONS, WheelsetParameters, path
 
 #: States of (12) as the FMU calls them, with the step of the central difference.
@@ -76,3 +78,57 @@ def test_fmu_linearised_is_equation_12(
 def test_no_lateral_motion_no_acceleration() -> None:
     point = operating_points(CreepCurve(CONDITIONS["dry"], 20.0))[0]
     np.testing.assert_allclose(accelerations(point, "dry", 3, {}), 0.0, atol=1e-12)
+
+
+#: States, inputs and outputs of the torque-driven model as the FMU calls them.
+DRIVEN = (
+    "lateral_displacement", "yaw_angle", "lateral_velocity", "yaw_rate", "state.wheel_speed_left",
+    "state.wheel_speed_right", "axle_twist",
+)  # fmt: skip
+INPUTS = ("track_lateral_offset", "traction_torque", "suspension_lateral_force", "suspension_yaw_moment")
+OUTPUTS = (
+    "yaw_rate",
+    "lateral_acceleration",
+    "left.wheel_speed",
+    "right.wheel_speed",
+    "lateral_displacement",
+)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"c_s": 400.0}, OPTIONS | {"delta_r": 0.002}], ids=["plain", "damped", "sprung"]
+)
+@pytest.mark.parametrize("v", [20.0, 50.0])
+@pytest.mark.parametrize("index", [0, 1, 2], ids=["P1", "P2", "P3"])
+def test_directional_derivatives_are_the_torque_driven_model(
+    index: int, v: float, options: dict[str, float]
+) -> None:
+    wheelset = WheelsetParameters(**{k: x for k, x in options.items() if k != "flange_stiffness"})
+    point = operating_points(CreepCurve(CONDITIONS["dry"], v))[index]
+    plant = FmuComponent(
+        path(fmi=3),
+        inputs=INPUTS,
+        outputs=OUTPUTS,
+        parameters={
+            "drive_mode": "torque_driven",
+            "initial_creepage": point.creep,
+            "speed": v,
+            **options,
+        },
+    )
+    with Master(System({"w": plant})) as master:
+        found = linearize(master, inputs=[f"w.{name}" for name in INPUTS])
+    states = [found.states.index(f"w.{name}") for name in DRIVEN]
+    inputs = [found.inputs.index(f"w.{name}") for name in INPUTS]
+    outputs = [found.outputs.index(f"w.{name}") for name in OUTPUTS]
+    expected = full_model(point, wheelset)
+    theirs = np.block(
+        [
+            [found.model.A[np.ix_(states, states)], found.model.B[np.ix_(states, inputs)]],
+            [found.model.C[np.ix_(outputs, states)], found.model.D[np.ix_(outputs, inputs)]],
+        ]
+    )
+    ours = np.block([[expected.A, expected.B], [expected.C, expected.D]])
+    usual = np.array([1e-3, 1e-3, 1e-2, 1e-2, 0.1, 0.1, 1e-3, 1e-3, 1e3, 1e3, 1e3])
+    rows = np.abs(ours * usual).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(theirs * usual / rows, ours * usual / rows, atol=1e-9)

@@ -1,0 +1,1 @@
+"""Identification on recorded data: logs from files, the banks on them, and what is written about it."""

@@ -1,0 +1,77 @@
+"""Parameters of a vehicle and of rail conditions from a TOML file."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from co_sim.errors import Fault, InputError, suggestion
+from co_sim.wheelset.scenario_file import tables_of, validated
+from fmu_wheelset import CONDITIONS, RailCondition, WheelsetParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+__all__ = ["Vehicle", "read_vehicle"]
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """What the filters know of the vehicle and of rails.
+
+    Parameters
+    ----------
+    wheelset : its parameters. conditions : by name, those of `CONDITIONS`.
+    """
+
+    wheelset: WheelsetParameters = field(default_factory=WheelsetParameters)
+    conditions: Mapping[str, RailCondition] = field(default_factory=lambda: dict(CONDITIONS))
+
+
+def read_vehicle(path: Path) -> Vehicle:
+    """Read a vehicle: names of `WheelsetParameters`, a table ``patch``, tables ``conditions.NAME``.
+
+    What is not named keeps its default, also within a condition.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, a name is unknown or a value out of bounds; all faults are told.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "text that is not UTF-8"
+        raise InputError(
+            f"{path}", got=str(reason), expected="a TOML file", remedy="check the path"
+        ) from None
+    wheelset = tables_of(text, path.name)
+    conditions = _completed(path.name, wheelset.pop("conditions", {}))
+    try:
+        scenario = validated({"wheelset": wheelset, "conditions": conditions}, path.name)
+    except InputError as error:
+        shown = [replace(f, what=f.what.replace(": wheelset.", ": ", 1)) for f in error.faults]
+        raise InputError.from_faults(shown) from None
+    return Vehicle(scenario.parameters, {name: scenario.condition(name) for name in CONDITIONS})
+
+
+def _completed(file: str, given: Any) -> dict[str, Any]:
+    """Return the given conditions with the values that they leave out."""
+    if not isinstance(given, dict) or not all(isinstance(table, dict) for table in given.values()):
+        raise InputError(
+            f"{file}: conditions", got=repr(given), expected="tables", remedy="as in [conditions.wet]"
+        )
+    unknown = [
+        Fault(
+            f"{file}: conditions.{name}",
+            "an unknown condition",
+            f"one of {', '.join(CONDITIONS)}",
+            suggestion(name, list(CONDITIONS)),
+        )
+        for name in given
+        if name not in CONDITIONS
+    ]
+    if unknown:
+        raise InputError.from_faults(unknown)
+    return {name: asdict(CONDITIONS[name]) | table for name, table in given.items()}

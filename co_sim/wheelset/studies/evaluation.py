@@ -1,0 +1,159 @@
+"""What a worker does with a case: record the journey, let every bank look at it, score what they say."""
+
+from __future__ import annotations
+
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
+
+from co_sim.wheelset.identifying.adhesion import answer_of
+from co_sim.wheelset.identifying.answer import Answer
+from co_sim.wheelset.identifying.paper import PaperBank
+from co_sim.wheelset.identifying.vehicle import Vehicle
+from co_sim.wheelset.recordings import record
+from co_sim.wheelset.studies.scoring import score
+from co_sim.wheelset.studies.trial import NOISE
+from estimator import ERRI_B176
+from estimator.log import Log
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from co_sim.campaign import Case
+    from co_sim.wheelset.recordings import Recording
+    from co_sim.wheelset.results import FilterDesign
+    from co_sim.wheelset.studies.study import Study
+    from co_sim.wheelset.studies.trial import Trial
+
+__all__ = ["evaluate", "function_of"]
+
+#: Seconds between two rows of an answer.
+_EVERY = 0.01
+#: Probability from which on a bank that does not say whether it can be trusted is trusted.
+_SURE = 0.9
+
+
+def function_of(study: Study) -> Callable[[Case], dict[str, Any]]:
+    """Return the function that the workers call for each case of a study."""
+    return partial(evaluate, banks=study.banks, window=study.window)
+
+
+def evaluate(case: Case, banks: tuple[str, ...], window: float) -> dict[str, Any]:
+    """Return the record of a case, see `score`; what it holds depends on the case alone."""
+    from co_sim.wheelset.studies.trial import Trial
+
+    trial = Trial.model_validate(case.values)
+    recording = record(trial.journey(case.seed))
+    if recording.stopped is not None:
+        raise RuntimeError(f"the journey stopped early: {recording.stopped}")
+    answers = {bank: _LOOK[bank](recording, trial, window) for bank in banks}
+    return score(recording, trial, answers, window)
+
+
+def _log(
+    recording: Recording,
+    speed_error: float = 1.0,
+    torque_error: float = 1.0,
+    biases: tuple[float, float] = (0.0, 0.0),
+) -> Log:
+    """Return what the filters are told."""
+    return Log(
+        time=recording.time,
+        yaw_rate=recording.yaw_rate - biases[0],
+        lateral_acceleration=recording.lateral_acceleration - biases[1],
+        speed=recording.speed * speed_error,
+        # With an imposed creep no torque is known.
+        traction_torque=None
+        if recording.journey.torque is None
+        else recording.traction_torque * torque_error,
+    )
+
+
+def _noise(trial: Trial) -> tuple[float, float]:
+    """Return what the filters assume of the sensors' noise."""
+    factor = trial.noise if trial.assumed_noise is None else trial.assumed_noise
+    return factor * NOISE[0], factor * NOISE[1]
+
+
+def _track(trial: Trial) -> str:
+    return trial.track if trial.assumed_track == "same" else trial.assumed_track
+
+
+def _adhesion(recording: Recording, trial: Trial, window: float | None) -> Answer:
+    from estimator import SensorNoise
+    from estimator.adhesion import AdhesionBank
+
+    log = _log(recording, trial.speed_error, trial.torque_error)
+    noise, track = SensorNoise(*_noise(trial)), ERRI_B176[_track(trial)]
+    return answer_of(AdhesionBank(noise=noise, track=track, h=log.h, window=window).run(log, workers=1), log)
+
+
+def _recursive(recording: Recording, trial: Trial, window: float) -> Answer:
+    return _adhesion(recording, trial, None)
+
+
+def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
+    """Return what can be said by one who knows the plant as it is."""
+    from estimator import SensorNoise
+    from estimator.adhesion import AdhesionBank
+
+    # A bias that is known is subtracted.
+    log = _log(recording, biases=(trial.gyro_bias, trial.accelerometer_bias))
+    bank = AdhesionBank(
+        wheelset=trial.wheelset,
+        noise=SensorNoise(trial.noise * NOISE[0], trial.noise * NOISE[1]),
+        track=ERRI_B176[trial.track],
+        h=log.h,
+        window=window,
+        friction=0.0,
+    )
+    return answer_of(bank.run(log, workers=1), log)
+
+
+def _known(recording: Recording, trial: Trial, window: float) -> Answer:
+    """Return the region on the curve of a rail that is known, by linear filters at creepages along it."""
+    import numpy as np
+
+    from estimator import CreepCurve, SensorNoise
+    from estimator.region import RegionBank
+    from fmu_wheelset import CONDITIONS, WheelsetParameters
+
+    log = _log(recording, trial.speed_error)
+    curve = CreepCurve(CONDITIONS[trial.condition], trial.speed)
+    noise, track = SensorNoise(*_noise(trial)), ERRI_B176[_track(trial)]
+    said = RegionBank(curve, WheelsetParameters(), noise, track, log.h, window=window).run(log)
+    return Answer(
+        bank="known",
+        time=said.time,
+        samples=np.rint((said.time - log.time[0]) / log.h).astype(np.int64),
+        p_region=said.p_region,
+        identifiable=said.p_region.max(axis=1) >= _SURE,
+    )
+
+
+def _paper(recording: Recording, trial: Trial, window: float) -> Answer:
+    # Designed at the true speed of the case: tuning takes seconds, and is kept for all cases of a speed.
+    log = _log(recording)
+    bank = PaperBank(log, Vehicle(), _noise(trial), _track(trial))
+    return bank.run(_paper_filters(bank.speed, _noise(trial), _track(trial), log.h), _EVERY)
+
+
+@cache
+def _paper_filters(
+    speed: float, noise: tuple[float, float], track: str, h: float
+) -> tuple[FilterDesign, ...]:
+    import numpy as np
+
+    still = np.zeros(3)
+    log = Log(
+        time=np.array([0.0, h, 2.0 * h]), yaw_rate=still, lateral_acceleration=still, speed=np.full(3, speed)
+    )
+    return PaperBank(log, Vehicle(), noise, track).design()
+
+
+_LOOK: dict[str, Callable[[Recording, Trial, float], Answer]] = {
+    "adhesion": _recursive,
+    "window": _adhesion,
+    "paper": _paper,
+    "matched": _matched,
+    "known": _known,
+}

@@ -1,0 +1,209 @@
+"""The sections of the report on a study: each a question, answered in words, tables and figures."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from co_sim.wheelset.prose.words import percent, quantity
+from co_sim.wheelset.reporting.section import Column, Figure, Quantity, Section, Table
+from co_sim.wheelset.studies.findings import CLASSES
+from co_sim.wheelset.studies.outcome_sections import (
+    adhesion_section,
+    failures_section,
+    false_alarms_section,
+    latency_section,
+    losses_section,
+)
+from co_sim.wheelset.studies.section_parts import draw, figure, share_cells, share_numbers, share_words
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from co_sim.wheelset.reporting.section import Cell
+    from co_sim.wheelset.studies.findings import Findings
+    from co_sim.wheelset.studies.study import Study
+
+__all__ = ["sections_of"]
+
+_UNITS = {"speed": "m/s", "noise": "1", "utilisation": "1"}
+
+
+def sections_of(study: Study, findings: Findings) -> tuple[Section, ...]:
+    """Return the sections that a study has something to say in."""
+    made: list[Section] = []
+    for what in CLASSES:
+        banks = [bank for bank in findings.banks if findings.says(bank, what)]
+        if banks and _asked(study, what):
+            made += [
+                _accuracy(study, findings, what, banks),
+                _confusion(findings, what, banks),
+                _calibration(findings, what, banks),
+            ]
+    made += [
+        s
+        for s in (adhesion_section(findings), latency_section(findings), false_alarms_section(findings))
+        if s
+    ]
+    if study.variant and made:
+        made.append(losses_section(findings, "region" if _asked(study, "region") else "condition"))
+    return (*made, failures_section(findings))
+
+
+def _asked(study: Study, what: str) -> bool:
+    """Return whether a study asks for the class: with an imposed creep the rail is known."""
+    values = {name: set(values) for name, values in study.grid.items()}
+    manoeuvres = values.get("manoeuvre", {study.fixed.get("manoeuvre", "steady")})
+    return ("prescribed" in manoeuvres) == (what == "region")
+
+
+def _accuracy(study: Study, findings: Findings, what: str, banks: Sequence[str]) -> Section:
+    overall = [findings.accuracy(bank, what) for bank in banks]
+    trusted = [findings.accuracy(bank, what, findings.trusted(bank)) for bank in banks]
+    n = max(overall[0].windows, 1)
+    words = [
+        f"The {bank} bank is right in {share_words(all_)} of the windows of {quantity(study.window, 's')}; "
+        f"it trusts its answer in {percent(some.windows / n)} of them and is right in {percent(some.value)} "
+        f"of those."
+        for bank, all_, some in zip(banks, overall, trusted, strict=True)
+        if some.windows
+    ]
+    if {"adhesion", "matched"} <= set(banks):
+        reached, matched = (overall[banks.index(bank)].value for bank in ("adhesion", "matched"))
+        words.append(
+            f"The adhesion bank reaches {percent(reached / matched)} of what the matched one does, which "
+            "knows the parameters, noise and track of the plant: the likelihood of the exact model, as far "
+            "as an extended Kalman filter has it."
+        )
+    axes = _grid_axes(study, findings, what, banks)
+    names = CLASSES[what]
+    true = findings.column(what)
+    rows: list[tuple[Cell, ...]] = [
+        (
+            name.replace("_", " "),
+            *(cell for bank in banks for cell in share_cells(findings.accuracy(bank, what, true == i))),
+        )
+        for i, name in enumerate(names)
+        if np.any(true == i)
+    ]
+    columns = [Column(f"true {what}"), *(c for bank in banks for c in (Column(bank), Column("interval")))]
+    title = f"How often is the {what} right?"
+    numbers = dict(share_numbers("share_right", f"share of windows whose {what} is right", "bank", overall))
+    numbers |= dict(
+        share_numbers("share_right_trusted", "the same where the bank trusts its answer", "bank", trusted)
+    )
+    figures: tuple[Figure, ...] = ()
+    if axes:
+        figures = (
+            figure(
+                f"accuracy_{what}",
+                title,
+                "Share of windows that are right, with intervals of 95 % that know that the windows of one "
+                "case are alike.",
+                partial(draw, "draw_accuracy", title, axes),
+            ),
+        )
+    return Section(
+        key=f"accuracy_{what}",
+        title=title,
+        words=tuple(words),
+        numbers=numbers,
+        axes={"bank": list(banks)},
+        tables=(Table(f"Windows right by true {what}", tuple(columns), tuple(rows)),),
+        figures=figures,
+        summary=tuple(words[:2]),
+    )
+
+
+def _grid_axes(study: Study, findings: Findings, what: str, banks: Sequence[str]) -> dict[str, Any]:
+    """Return accuracies over each quantity of the grid that has several values."""
+    axes: dict[str, Any] = {}
+    for name, values in study.grid.items():
+        if len(values) < 2:
+            continue
+        of_case = findings.of_case(name)
+        shares = {
+            bank: [findings.accuracy(bank, what, of_case == value) for value in values] for bank in banks
+        }
+        unit = _UNITS.get(name)
+        axes[f"{name}, {unit}" if unit and unit != "1" else name.replace("_", " ")] = (list(values), shares)
+    return axes
+
+
+def _confusion(findings: Findings, what: str, banks: Sequence[str]) -> Section:
+    counts = {bank: findings.confusion(bank, what) for bank in banks}
+    classes = CLASSES[what]
+    title = f"Which {what} is taken for which?"
+    words = [_worst_confusion(bank, table, classes) for bank, table in counts.items()]
+    return Section(
+        key=f"confusion_{what}",
+        title=title,
+        words=tuple(words),
+        numbers={
+            f"windows_{bank}": Quantity(
+                table, "1", f"windows by true and declared {what}", ("true", "declared")
+            )
+            for bank, table in counts.items()
+        },
+        axes={"true": list(classes), "declared": list(classes)},
+        figures=(
+            figure(
+                f"confusion_{what}",
+                title,
+                f"Windows in per cent of those of the true {what}; rows sum to 100.",
+                partial(draw, "draw_confusion", title, classes, counts),
+            ),
+        ),
+    )
+
+
+def _worst_confusion(bank: str, table: Any, classes: Sequence[str]) -> str:
+    share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
+    np.fill_diagonal(share, 0.0)
+    true, said = np.unravel_index(int(share.argmax()), share.shape)
+    if share[true, said] == 0.0:
+        return f"The {bank} bank takes none for another."
+    names = [name.replace("_", " ") for name in classes]
+    often = percent(float(share[true, said]))
+    return f"The {bank} bank most often takes {names[true]} for {names[said]}: {often}."
+
+
+def _calibration(findings: Findings, what: str, banks: Sequence[str]) -> Section:
+    found = {bank: findings.calibration(bank, what) for bank in banks}
+    title = f"Do the probabilities of the {what} mean what they say?"
+    words, numbers, axes = [], {}, {}
+    for bank, one in found.items():
+        weights = np.array([share.windows for share in one.right], dtype=np.float64)
+        right = np.array([share.value for share in one.right])
+        gap = float(np.sum(weights * np.abs(right - one.probability)) / max(weights.sum(), 1.0))
+        side = float(np.sum(weights * (right - one.probability)))
+        words.append(
+            f"The {bank} bank's probabilities are off by {percent(gap)} on average"
+            + (f", it is {'too modest' if side > 0.0 else 'too sure'}." if gap > 0.005 else ".")
+        )
+        axes[f"bin_{bank}"] = [f"bin {i + 1}" for i in range(right.size)]
+        numbers[f"probability_{bank}"] = Quantity(
+            one.probability, "1", "mean probability given", (f"bin_{bank}",)
+        )
+        numbers |= dict(
+            share_numbers(f"right_{bank}", "share of answers that are right", f"bin_{bank}", one.right)
+        )
+        numbers[f"gap_{bank}"] = Quantity(gap, "1", "mean distance of probability and share right")
+    return Section(
+        key=f"calibration_{what}",
+        title=title,
+        words=tuple(words),
+        numbers=numbers,
+        axes=axes,
+        figures=(
+            figure(
+                f"calibration_{what}",
+                title,
+                "Share of answers that are right over the probability that they were given; on the dotted "
+                "line a probability says what it means.",
+                partial(draw, "draw_calibration", title, found),
+            ),
+        ),
+    )

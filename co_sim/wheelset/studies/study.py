@@ -1,0 +1,135 @@
+"""Studies as files: a plan over the quantities of a trial, and the question that it answers."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import Field, ValidationError
+
+from co_sim.campaign.plan import Case, Plan
+from co_sim.errors import Fault, InputError, suggestion
+from co_sim.wheelset.studies.trial import Trial
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from importlib.resources.abc import Traversable
+
+    from pydantic_core import ErrorDetails
+
+__all__ = ["BANKS", "Study", "load_study", "packaged_studies"]
+
+Bank = Literal["adhesion", "window", "paper", "matched", "known"]
+#: The banks that a study can compare: the adhesion bank of `wheelset identify`, whose evidence fades; the
+#: same with the evidence of one window; the bank of the paper; and one that knows the plant as it is, with
+#: the evidence of one window: the likelihood of the exact model, as far as extended Kalman filters have it.
+#: ``"known"`` is for an imposed creep on a known rail: linear filters along its creep curve.
+BANKS: tuple[Bank, ...] = ("adhesion", "window", "paper", "matched")
+
+
+class Study(Plan):
+    """A plan whose quantities are those of a `Trial`."""
+
+    title: str = Field("", description="one line for reports")
+    question: str = Field("", description="that the study answers")
+    banks: tuple[Bank, ...] = Field(BANKS, min_length=1, description="which banks look at each case")
+    window: float = Field(1.0, gt=0.0, description="length of the evidence and of the windows, s")
+
+    @property
+    def plan_only(self) -> dict[str, Any]:
+        """What decides the cases and their results, without the words."""
+        return self.model_dump(mode="json", exclude={"title", "question"})
+
+    def trial(self, case: Case) -> Trial:
+        """Return the trial of a case."""
+        return Trial.model_validate(case.values)
+
+
+def _packaged() -> Traversable:
+    return resources.files("co_sim.wheelset.studies") / "packaged"
+
+
+def packaged_studies() -> list[str]:
+    """Return the names of the packaged studies."""
+    names = (item.name for item in _packaged().iterdir())
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+
+
+def load_study(source: str) -> Study:
+    """Read a study: a packaged one by its name, or a file.
+
+    Raises
+    ------
+    InputError
+        If there is no such study, or it has faults; all are told.
+    """
+    if source in packaged_studies():
+        text = (_packaged() / f"{source}.toml").read_text(encoding="utf-8")
+        return parse(text, f"{source}.toml")
+    path = Path(source)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "text that is not UTF-8"
+        raise InputError(
+            source,
+            got=str(reason),
+            expected=f"a study file or one of the packaged {', '.join(packaged_studies())}",
+            remedy="check the path",
+        ) from None
+    return parse(text, path.name)
+
+
+def parse(text: str, name: str) -> Study:
+    """Return the study in a TOML `text`; `name` stands in messages for the file."""
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(
+            name, got=f"text that is not TOML ({error})", expected="TOML 1.0", remedy="mend it there"
+        ) from None
+    try:
+        study = Study.model_validate(tables)
+    except ValidationError as error:
+        raise InputError.from_faults(
+            [_fault(name, e, list(Study.model_fields)) for e in error.errors()]
+        ) from None
+    faults = list(_faults_of_cases(study, name))
+    if faults:
+        raise InputError.from_faults(faults)
+    return study
+
+
+def _faults_of_cases(study: Study, name: str) -> Iterator[Fault]:
+    """Yield what is wrong with quantities and values, each fault once, whatever the number of cases."""
+    told = set()
+    for case in study.cases():
+        try:
+            study.trial(case)
+        except ValidationError as error:
+            for one in error.errors():
+                fault = _fault(name, one, list(Trial.model_fields))
+                if fault not in told:
+                    told.add(fault)
+                    yield fault
+            if len(told) >= _MOST_FAULTS:
+                return
+
+
+_MOST_FAULTS = 10
+
+
+def _fault(name: str, error: ErrorDetails, known: list[str]) -> Fault:
+    """Translate one fault that pydantic found."""
+    path = ".".join(map(str, error["loc"]))
+    what = f"{name}: {path}" if path else name
+    context = error.get("ctx", {})
+    if error["type"] == "scenario":
+        return Fault(what, context["got"], context["expected"], context["remedy"])
+    if error["type"] == "extra_forbidden":
+        last = str(error["loc"][-1])
+        return Fault(what, "an unknown name", f"one of {', '.join(known)}", suggestion(last, known))
+    expected = error["msg"].removeprefix("Input should be ").removeprefix("a valid ")
+    return Fault(what, repr(error["input"]), expected, "change it there")

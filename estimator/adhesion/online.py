@@ -1,0 +1,105 @@
+"""The whole bank sample by sample, on memory that is there beforehand."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimator.adhesion.block import N_TOLD, end_block, take_sample
+from estimator.adhesion.evidence import Judgement, judge
+from estimator.adhesion.motion import N_X
+
+if TYPE_CHECKING:
+    from estimator.adhesion.block import Design, Memory
+    from estimator.adhesion.evidence import Belief, Rules
+
+__all__ = ["Work", "bank_step", "judge_blocks", "new_judgement", "new_work", "rate_of"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: Time over which the speed's rate is found, s.
+_RATE_TIME = 0.1
+
+
+class Work(NamedTuple):
+    """Room for a step: (1,), (5, 4, 12), (n, 13), (n + 1,), (n, 2)."""
+
+    speed: Array
+    filter: Array
+    told: Array
+    log_l: Array
+    peaks: Array
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rate_of(speed: Array, h: float, smooth: Array, first: bool) -> Array:  # pragma: no cover - compiled
+    """Return the rate (m/s2) of the speeds (T,), causal; `smooth` (1,) is what is kept between calls."""
+    share = -math.expm1(-h / _RATE_TIME)
+    rate = np.empty(speed.shape[0])
+    for k in range(speed.shape[0]):
+        if first and k == 0:
+            smooth[0] = speed[0]
+        smooth[0] += share * (speed[k] - smooth[0])
+        rate[k] = (speed[k] - smooth[0]) / _RATE_TIME
+    return rate
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def bank_step(  # pragma: no cover - compiled
+    design: Design, rules: Rules, memory: Memory, belief: Belief, work: Work, k: int,
+    z: Array, usable: Flags, speed: float, torque: float, said: Judgement,
+) -> bool:  # fmt: skip
+    """Advance all filters by sample `k` = 0, 1, ...; at the end of a block write row 0 of what is said.
+
+    Parameters
+    ----------
+    z : (2,) yaw rate (rad/s) and lateral acceleration (m/s2). usable : (2,) which of them may be used.
+    speed : m/s. torque : on the axle, N m; NaN if it is not known.
+
+    Returns
+    -------
+    Whether a block has ended.
+    """
+    work.speed[0] = speed
+    v, v_dot = abs(speed), rate_of(work.speed, design.h, memory.speed, k == 0)[0]
+    n = design.held.shape[0]
+    for i in range(n):
+        take_sample(design, memory, i, k == 0, v, v_dot, torque, z, usable, work.filter)
+    if (k + 1) % design.block != 0:
+        return False
+    for i in range(n):
+        end_block(design, memory, i, v, torque, work.told[i])
+    block = (k + 1) // design.block - 1
+    judge(rules, belief, block, work.told, v, work.log_l, work.peaks, said, 0)
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def judge_blocks(  # pragma: no cover - compiled
+    rules: Rules, belief: Belief, told: Array, v: Array, work: Work, said: Judgement
+) -> None:
+    """Judge all blocks, told (rows, n, 13), at the speeds v (rows,)."""
+    for k in range(told.shape[0]):
+        judge(rules, belief, k, told[k], v[k], work.log_l, work.peaks, said, k)
+
+
+def new_work(n: int) -> Work:
+    """Return room for a step of n filters."""
+    return Work(np.zeros(1), np.zeros((5, 4, N_X)), np.zeros((n, N_TOLD)), np.zeros(n + 1), np.zeros((n, 2)))
+
+
+def new_judgement(rows: int, n: int, conditions: int) -> Judgement:
+    """Return room for what is said in that many rows."""
+    return Judgement(
+        np.zeros((rows, 3)),
+        np.zeros((rows, conditions)),
+        np.zeros((rows, n)),
+        np.zeros(rows),
+        np.zeros((rows, 4)),
+        np.zeros(rows, dtype=np.bool_),
+    )
