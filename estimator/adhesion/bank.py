@@ -263,7 +263,7 @@ class AdhesionBank:
             condition=np.array([names.index(h.condition) for h in hypotheses], dtype=np.int64),
             curve=np.array([[names.index(side) for side in h.sides] for h in hypotheses], dtype=np.int64),
             load=self.wheelset.N * 2.0 * self.wheelset.r0,
-            spread=0.03,
+            spread=0.006,
             doubt=0.1,
             width=math.log(1.6),
             memory=block / 2.0,
