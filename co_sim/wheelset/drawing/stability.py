@@ -129,7 +129,7 @@ def _explain_speeds(sheet: Sheet, speeds: Sequence[float]) -> None:
     lines = [
         Line2D([], [], color=GREY, linestyle=_STYLES[j % 3], label=f"{v:g} m/s") for j, v in enumerate(speeds)
     ]
-    start = Line2D([], [], linestyle="none", marker="o", markersize=3.0, color=COLOURS[0], label="0.5 %")
+    start = Line2D([], [], linestyle="none", marker="o", markersize=3.0, color=COLOURS[0], label="start")
     sheet.figure.legend(
         handles=[*lines, start],
         loc="upper left",

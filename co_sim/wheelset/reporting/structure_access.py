@@ -190,7 +190,7 @@ _VERBS = {
 
 
 def _section(kind: Kind, found: Access, grid: Grid, main: str) -> Section:
-    words = [*_words(kind, found, grid, main), _ABOUT]
+    words, s = [*_words(kind, found, grid, main), _ABOUT], found.names.index(main)
     return Section(
         key=kind,
         title=_TITLES[kind],
@@ -203,7 +203,7 @@ def _section(kind: Kind, found: Access, grid: Grid, main: str) -> Section:
         },
         tables=(_table(kind, found, grid),),
         figures=_figures(kind, found, grid),
-        summary=(words[0], *_blind(kind, found, grid, found.names.index(main))),
+        summary=(words[0], *_barely(kind, found, s), *_blind(kind, found, grid, s)),
     )
 
 
@@ -254,13 +254,8 @@ def _words(kind: Kind, found: Access, grid: Grid, main: str) -> list[str]:
     words = [
         f"Of the driven wheelset's seven dimensions {who} {verbs if singular else verb} {listed(parts)}."
     ]
+    words += _barely(kind, found, s)
     complete = found.complete[s]
-    barely = int(np.sum(found.rank[s] == _ORDER) - np.sum(complete))
-    if barely:
-        words.append(
-            f"At {barely} of {complete.size} points of the grid that is so by less than rounding errors, "
-            f"with a distance below {number(TOLERANCE, 1)}: for all purposes a mode is not {past} there."
-        )
     if complete.any():
         values = np.where(complete, found.distance[s], np.inf)
         i, j, k = (int(n) for n in np.unravel_index(int(np.argmin(values)), values.shape))
@@ -272,6 +267,31 @@ def _words(kind: Kind, found: Access, grid: Grid, main: str) -> list[str]:
     return words + _blind(kind, found, grid, s)
 
 
+#: States of the driven wheelset in words.
+_MEANING = {
+    "y": "displacement",
+    "psi": "yaw",
+    "y_dot": "lateral velocity",
+    "psi_dot": "yaw rate",
+    "omega_L": "speed of the left wheel",
+    "omega_R": "speed of the right wheel",
+    "theta": "twist of the axle",
+}
+
+
+def _barely(kind: Kind, found: Access, s: int) -> list[str]:
+    """Tell where set `s` has full rank by less than rounding."""
+    past, complete = _VERBS[kind][2], found.complete[s]
+    barely = int(np.sum(found.rank[s] == _ORDER) - np.sum(complete))
+    if not barely:
+        return []
+    sentence = (
+        f"At {barely} of {complete.size} points of the grid this is all by less than rounding errors, with a "
+        f"distance below {number(TOLERANCE, 1)}: to all intents a mode is not {past} there."
+    )
+    return [sentence]
+
+
 def _blind(kind: Kind, found: Access, grid: Grid, s: int) -> list[str]:
     """Tell what of the wheelset set `s` does not reach or see where no other does either."""
     _, verbs, past, _ = _VERBS[kind]
@@ -280,7 +300,8 @@ def _blind(kind: Kind, found: Access, grid: Grid, s: int) -> list[str]:
         hidden = sorted({name for text in found.hidden[s, :, :, p].flat for name in text.split(", ") if name})
         if hidden and not found.complete[:, :, :, p].any():
             words.append(
-                f"At {grid.point_names[p]} no set {verbs} everything; not {past} here: {listed(hidden)}."
+                f"At {grid.point_names[p]} no set {verbs} everything; not {past} here: "
+                f"{listed([_MEANING[name] for name in hidden])}."
             )
     return words
 

@@ -284,8 +284,8 @@ def _figures(found: Motion, grid: Grid) -> tuple[Figure, ...]:
             key="pole_paths",
             title=_PATHS,
             caption=(
-                "Eigenvalues of (12) while the creepage grows from 0.5 % to twice that of the peak (colour), "
-                f"at {listed([quantity(v, 'm/s') for v in found.path_speeds])}. The pair turns from the "
+                "Eigenvalues of (12) while the creepage grows from 0.5 % of that of the peak to twice it "
+                f"(colour), at {listed([quantity(v, 'm/s') for v in found.path_speeds])}. The pair turns from the "
                 "well damped guiding motion into the undamped swing on the yaw spring at the peak and into a "
                 "growing one past it; the fast creep modes slow down. Both axes are linear near zero and "
                 "logarithmic beyond; conjugates are left out, and real eigenvalues of different speeds stand "
