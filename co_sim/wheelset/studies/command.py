@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,6 +74,7 @@ def campaign(
         click.echo("\n".join(packaged_studies()))
         return
     try:
+        _check_packages()
         loaded = load_study(study)
         name = Path(study).stem
         complete = _run(loaded, out or Path("results") / name, scheduler, workers, limit, retry)
@@ -80,6 +82,18 @@ def campaign(
         click.echo(f"error: {error}", err=True)
         sys.exit(2)
     sys.exit(0 if complete else 1)
+
+
+def _check_packages() -> None:
+    """Raise `InputError` unless what campaigns need beyond the rest is installed."""
+    missing = [name for name in ("distributed", "pyarrow") if find_spec(name) is None]
+    if missing:
+        raise InputError(
+            "wheelset campaign",
+            got=f"no {' and no '.join(missing)}",
+            expected="the packages that campaigns need",
+            remedy="install them with: pip install 'wheelset-cosim[campaign]'",
+        )
 
 
 def _run(
