@@ -2,8 +2,9 @@
 
 `HEADER` numbers about the instance come first, then a row of `ROW` numbers for each call that sets inputs,
 then one for each call that gets outputs. Addresses and numbers of elements are stored alike.
-`co_sim.fmi_binding` fills it in for `co_sim.fmi_step` and `co_sim.fmi_step_mixed`. Their machine code is
-cached by the dates of their own files: a change here must touch them too.
+`co_sim.fmi_binding` fills it in for `co_sim.kernel`, `co_sim.iterated_kernel`, `co_sim.fmi_step`,
+`co_sim.fmi_step_mixed` and `co_sim.fmi_state`. Their machine code is cached by the dates of their own files:
+a change here must touch them too.
 """
 
 from __future__ import annotations

@@ -17,7 +17,10 @@ Between its samples the source of a link is a polynomial through its newest ones
 Everything between two calls of components is counted in instructions. A core works ahead of what it waits
 for, some 250 instructions far: with few of them between two components, the second begins while the first
 one's last results are still under way. Hence pointers instead of arrays, whose views are counted by numba and
-whose indices may be negative, and hence the two calls of FMUs that the loop makes itself.
+whose indices may be negative, and hence the steps of FMUs that stand in the loop itself.
+
+Machine code is cached by the date of its own file: a change of `co_sim.fmi_calls` or of `co_sim.fmi_table`
+must touch this file, and a change here `co_sim.iterated_kernel`.
 """
 
 from __future__ import annotations
@@ -240,7 +243,7 @@ def gather(
 
 @njit(error_model="numpy")
 def _prepare(rows: int, width: int, row: int, k: int, h: float, part: int, u: int) -> bool:
-    """Set the inputs of a part that is not plain for the step after `k`; return whether the part makes one.
+    """Set the inputs of a part, in any way, for the step after `k`; return whether it makes one.
 
     If not, its outputs stay as they are.
     """

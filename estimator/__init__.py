@@ -6,12 +6,14 @@ This package knows neither FMI nor the co-simulation master.
 from estimator.bank import FilterBank
 from estimator.coloured import Disturbances, SensorBias, coloured_filter, coloured_model
 from estimator.contact import CreepCurve
+from estimator.finite_amplitude import averaged_point
 from estimator.fuzzy import FuzzySystem, identification_system
 from estimator.identifier import Identification, Identifier
 from estimator.kalman import LinearFilter, design_filter
 from estimator.likelihood import Evidence, LikelihoodBank
 from estimator.linear_models import OperatingPoint, filter_model, operating_points, wheelset_model
 from estimator.log import Log
+from estimator.region import RegionBank, RegionHypothesis, RegionIdentification
 from estimator.sensor_noise import SensorNoise
 from estimator.track_spectrum import ERRI_B176, TrackSpectrum
 from estimator.tuning import NoiseModel, Tuning, tune
@@ -30,10 +32,14 @@ __all__ = [
     "Log",
     "NoiseModel",
     "OperatingPoint",
+    "RegionBank",
+    "RegionHypothesis",
+    "RegionIdentification",
     "SensorBias",
     "SensorNoise",
     "TrackSpectrum",
     "Tuning",
+    "averaged_point",
     "coloured_filter",
     "coloured_model",
     "design_filter",

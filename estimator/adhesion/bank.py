@@ -75,7 +75,9 @@ class AdhesionBank:
         bias: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         if not (math.isfinite(h) and h > 0.0):
-            raise ValueError(f"adhesion bank: got a step of {h!r} s, expected a finite value > 0 s")
+            raise ValueError(
+                f"adhesion bank: got a step of {h!r} s, expected a finite value > 0 s; use that of the log"
+            )
         self.wheelset = wheelset or WheelsetParameters()
         self.conditions = dict(conditions)
         self.noise = noise or SensorNoise()
@@ -83,6 +85,12 @@ class AdhesionBank:
         self.h = h
         self.window, self.dwell, self.friction, self.bias = window, dwell, friction, bias
         self._hypotheses = None if hypotheses is None else tuple(hypotheses)
+        for side in (side for hypothesis in hypotheses or () for side in hypothesis.sides):
+            if side not in self.conditions:
+                raise ValueError(
+                    f"adhesion bank: got the condition {side!r}, expected one of "
+                    f"{', '.join(self.conditions)}; define it among the conditions"
+                )
         self._curves = curves_of(list(self.conditions.values()), self.wheelset)
         self.block = max(round(BLOCK / h), 1)
         self.reset()
@@ -248,14 +256,14 @@ class AdhesionBank:
             curves=self._curves,
             prior=prior,
             change=-math.expm1(-block / self.dwell),
-            temper=0.7,
+            temper=0.5,
             clip=5.0,
             none=2.0,
             window=0 if self.window is None else max(round(self.window / block), 1),
             condition=np.array([names.index(h.condition) for h in hypotheses], dtype=np.int64),
             curve=np.array([[names.index(side) for side in h.sides] for h in hypotheses], dtype=np.int64),
             load=self.wheelset.N * 2.0 * self.wheelset.r0,
-            spread=0.03,
+            spread=0.006,
             doubt=0.1,
             width=math.log(1.6),
             memory=block / 2.0,

@@ -40,6 +40,8 @@ CREEP, VAR_CREEP, FRICTION, VAR_FRICTION, LOST = range(8, 13)
 N_TOLD = 13
 #: A wheelset this far from the track is held back by its flanges, m: the filter is lost.
 _FAR = 0.01
+#: Blocks without data after which a filter starts again: its linear covariance no longer means anything.
+_SILENCE = 20
 #: Greatest driving creep that a filter may believe in.
 _GREATEST_CREEP = 1.0
 
@@ -71,12 +73,14 @@ class Memory(NamedTuple):
     """What n filters keep from sample to sample.
 
     `Filter` in stacks; what they have told of the block so far (n, 8); the running mean of the normalised
-    squares of their innovations (n,); the speed smoothed (1,).
+    squares of their innovations (n,); for how many blocks there was nothing to measure (n,); the speed
+    smoothed (1,).
     """
 
     filters: Filter
     told: Array
     squares: Array
+    silence: Indices
     speed: Array
 
 
@@ -84,7 +88,7 @@ def new_memory(n: int) -> Memory:
     """Return the memory of n filters before their start."""
     shapes = ((N_X,), (N_X, N_X), (N_X,), (5,), (5, N_X), (7,))
     filters = Filter(*(np.zeros((n, *shape)) for shape in shapes))
-    return Memory(filters, np.zeros((n, 8)), np.ones(n), np.zeros(1))
+    return Memory(filters, np.zeros((n, 8)), np.ones(n), np.zeros(n, dtype=np.int64), np.zeros(1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -144,14 +148,18 @@ def end_block(  # pragma: no cover - compiled
     row[CREEP] = 0.5 * abs(x[L_L] + x[L_R])
     row[VAR_CREEP] = 0.25 * (C[L_L, L_L] + C[L_R, L_R] + 2.0 * C[L_L, L_R])
     row[FRICTION], row[VAR_FRICTION] = x[S], C[S, S]
-    if told[COUNT] > 0.0:
+    silent = told[COUNT] == 0.0
+    memory.silence[i] = memory.silence[i] + 1 if silent else 0
+    if not silent:
         memory.squares[i] += design.quiet[0] * (told[SQUARE] / told[COUNT] - memory.squares[i])
     told[LOG_L], told[SQUARE], told[COUNT] = 0.0, 0.0, 0.0
     sound = math.isfinite(row[LOG_L]) and row[CREEP] < _GREATEST_CREEP and abs(x[Y]) < _FAR
     for j in range(N_X):
         sound = sound and math.isfinite(x[j]) and C[j, j] >= 0.0
     row[LOST] = 0.0
-    if not sound or memory.squares[i] > design.quiet[1]:
+    if memory.silence[i] >= _SILENCE:
+        begin_filter(design, memory, i, v, torque)
+    elif not sound or memory.squares[i] > design.quiet[1]:
         begin_filter(design, memory, i, v, torque)
         row[LOST] = 1.0
 

@@ -83,7 +83,7 @@ def driven_by_track(
     A[:s, :s], A[:s, s] = model.A, model.B[:, column]
     A[s, s], A[s, s + 1], A[s + 1, s + 1] = -slow, 1.0, -fast
     B = np.zeros((s + 2, 1))
-    B[-1] = math.sqrt(math.pi * track.A * v**3) * track.Omega_c
+    B[-1] = track.shaping_gain(v)
     outputs, m = list(model.output_labels), model.noutputs
     return control.ss(
         A,

@@ -112,12 +112,12 @@ def draw_confusion(title: str, classes: Sequence[str], counts: Mapping[str, NDAr
 
 def draw_calibration(title: str, found: Mapping[str, Calibration]) -> Sheet:
     """Draw the share right over the probability given."""
-    sheet = Sheet(5.2, 4.2, title)
-    ax = sheet.axes(0.75, 0.65, 3.0, 3.0)
+    sheet = Sheet(6.4, 4.2, title)
+    ax = sheet.axes(0.75, 0.65, 4.2, 3.0)
     ax.plot([0, 100], [0, 100], color=GREY, linewidth=1.0, linestyle=":")
     ax.text(36.0, 30.0, "says what it means", color=GREY, size=8.5, rotation=38.0, ha="center", va="center")
     for bank, calibration in found.items():
-        _bars(ax, 100.0 * calibration.probability, calibration.right, bank, line=True)
+        _bars(ax, 100.0 * calibration.probability, calibration.right, bank, line=False)
     ax.set(xlim=(20.0, 102.0), ylim=(0.0, 104.0))
     ax.set_xlabel("probability given, %")
     ax.set_ylabel("answers right, %")
