@@ -79,7 +79,8 @@ class Report:
             for k, point in enumerate(self.grid["point"])
         ]
         headings = [Column(name) for name in ("rail", "point", *columns)]
-        note = "Two numbers are the least and the largest over the speeds of the grid."
+        points = dict(self.about).get("Points", "")
+        note = f"Two numbers are the least and the largest over the speeds of the grid. {points}".strip()
         return Table("At a glance", tuple(headings), tuple(rows), note)
 
     def as_json(self) -> dict[str, Any]:

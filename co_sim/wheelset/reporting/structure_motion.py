@@ -285,11 +285,11 @@ def _figures(found: Motion, grid: Grid) -> tuple[Figure, ...]:
             title=_PATHS,
             caption=(
                 "Eigenvalues of (12) while the creepage grows from 0.5 % of that of the peak to twice it "
-                f"(colour), at {listed([quantity(v, 'm/s') for v in found.path_speeds])}. The pair turns from the "
-                "well damped guiding motion into the undamped swing on the yaw spring at the peak and into a "
-                "growing one past it; the fast creep modes slow down. Both axes are linear near zero and "
-                "logarithmic beyond; conjugates are left out, and real eigenvalues of different speeds stand "
-                "one below the other."
+                f"(colour), at {listed([quantity(v, 'm/s') for v in found.path_speeds])}. The pair turns "
+                "from the well damped guiding motion into the undamped swing on the yaw spring at the peak "
+                "and into a growing one past it; the fast creep modes slow down. Both axes are linear near "
+                "zero and logarithmic beyond; conjugates are left out, and real eigenvalues of different "
+                "speeds stand one below the other."
             ),
             alt="Paths of the eigenvalues in the complex plane, a panel for each rail condition.",
             draw=partial(_draw_paths, found, grid),
