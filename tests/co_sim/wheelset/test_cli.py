@@ -16,6 +16,7 @@ import pytest
 from co_sim.wheelset.cli import main
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 SHORT = "[simulation]\nduration = 2.0\n[identifier]\ntraining = 2.0\n[output]\nevery = 10\n"
@@ -195,8 +196,8 @@ def test_interrupt_leaves_nothing_half_written(
 ) -> None:
     from co_sim.wheelset import cli
 
-    def interrupted(self: object, k: int, t: float, bus: object) -> None:
-        if k >= 100:
+    def interrupted(self: object, k: int, time: Sequence[float], values: object) -> None:
+        if k + len(time) >= 100:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(cli._ProgressBar, "observe", interrupted)
@@ -217,8 +218,8 @@ def test_an_interrupt_in_a_watched_run_keeps_the_results(
         nonlocal begun
         begun += 1
 
-    def interrupted(self: object, k: int, t: float, bus: object) -> None:
-        if begun == 4 and k > 1000:
+    def interrupted(self: object, k: int, time: Sequence[float], values: object) -> None:
+        if begun == 4 and k + len(time) > 1000:
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(cli._ProgressBar, "begin", begin)

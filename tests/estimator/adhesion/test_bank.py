@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from estimator.adhesion import AdhesionBank, AdhesionIdentification, Hypothesis, SensorNoise, new_judgement
+from estimator import SensorNoise
+from estimator.adhesion import AdhesionBank, AdhesionIdentification, Hypothesis, new_judgement
 from estimator.log import Log
 from fmu_wheelset.parameters import CONDITIONS
 
@@ -163,7 +164,7 @@ def test_refuses_logs_that_do_not_fit(bank: AdhesionBank, log: Log) -> None:
 def test_refuses_what_it_cannot_be_made_of() -> None:
     with pytest.raises(ValueError, match=r"got a step of 0.0 s"):
         AdhesionBank(h=0.0)
-    with pytest.raises(ValueError, match=r"sensor noise yaw_rate: got 0.0"):
+    with pytest.raises(ValueError, match=r"sensor noise: got yaw_rate = 0.0"):
         SensorNoise(yaw_rate=0.0)
     with pytest.raises(ValueError, match=r"got the branch 'stable', expected 'driven' or 'held'"):
         Hypothesis("dry", "stable")  # type: ignore[arg-type]
