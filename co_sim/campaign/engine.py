@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
@@ -153,6 +154,7 @@ def _attempt(function: Callable[[Case], dict[str, Any]], case: Case) -> Entry:
     begin = time.perf_counter()
     try:
         record = function(case)
+        json.dumps(record, allow_nan=False)  # what the journal has no place for is a failure of the case
     except Exception as error:  # whatever a case raises is its result
         return Entry(case.number, "failed", reason=_told(error), seconds=time.perf_counter() - begin)
     return Entry(case.number, "done", record, seconds=time.perf_counter() - begin)

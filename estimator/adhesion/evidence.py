@@ -144,9 +144,10 @@ def _outlook(rules: Rules, belief: Belief, told: Array, p: Array) -> None:  # pr
         s = told[i, FRICTION]
         p[i] = belief.p[i] * math.exp(-0.5 * s * s * rules.s_weight)
         total += p[i]
-    left = 1.0 - belief.p[n]
+    # Where "none of these" is all but certain, what is left still says which of them it would be.
+    left = max(1.0 - belief.p[n], 1e-15)
     for i in range(n):
-        p[i] *= left / total if total > 0.0 else 0.0
+        p[i] = p[i] * left / total if total > 0.0 else left / n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

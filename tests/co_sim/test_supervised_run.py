@@ -391,7 +391,7 @@ SCRIPT = """
 """
 
 
-def script(fmu):
+def script(fmu, **environment):
     """Start a script that runs for long, without the usual guard of the main module; its process."""
     code = textwrap.dedent(SCRIPT).format(fmu=str(fmu))
     process = subprocess.Popen(
@@ -399,7 +399,7 @@ def script(fmu):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
     )
     line = process.stdout.readline().split()
     if not line:
@@ -431,15 +431,18 @@ def test_interrupt_keeps_the_results(faulty_fmus):
     assert gone(pid)
 
 
-def test_nothing_outlives_the_caller(faulty_fmus):
-    before = set(Path(tempfile.gettempdir()).glob("co_sim_*"))
-    process, pid = script(faulty_fmus[3])
+def test_nothing_outlives_the_caller(faulty_fmus, tmp_path):
+    process, pid = script(faulty_fmus[3], TMPDIR=str(tmp_path))
+    assert list(tmp_path.glob("co_sim_*"))
     parents = [int(Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rsplit(")")[1].split()[1])]
     process.kill()
     process.communicate(timeout=20)
     assert gone(pid)
     assert all(gone(parent) for parent in parents)
-    assert set(Path(tempfile.gettempdir()).glob("co_sim_*")) <= before
+    deadline = time.monotonic() + 5.0
+    while list(tmp_path.glob("co_sim_*")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not list(tmp_path.glob("co_sim_*"))
 
 
 def test_a_server_that_was_killed_is_replaced(tmp_path):

@@ -12,9 +12,9 @@ def doubled(case: Case) -> dict[str, Any]:
 
 
 def moody(case: Case) -> dict[str, Any]:
-    """Raise for 4, kill the worker for 3."""
+    """Raise for 4, kill the worker for 3, return what JSON has no place for for 5."""
     if case.values["a"] == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     if case.values["a"] == 4:
         raise ValueError("4 is not to my taste")
-    return doubled(case)
+    return doubled(case) | ({"y": float("nan")} if case.values["a"] == 5 else {})

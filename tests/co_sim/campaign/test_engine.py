@@ -71,10 +71,11 @@ def test_failures_and_deaths_are_results_and_the_rest_goes_on(tmp_path, client, 
     with Journal(tmp_path, plan.key) as journal:
         outcome = run_campaign(functions.moody, plan.cases(), journal, client)
         entries = journal.entries
-    assert (outcome.done, outcome.failed) == (6, 2)
+    assert (outcome.done, outcome.failed) == (6, 3)
     assert entries[4].reason == "ValueError: 4 is not to my taste"
     assert "worker died" in entries[3].reason
-    assert all(entries[i].status == "done" for i in (0, 1, 2, 5))
+    assert "JSON" in entries[5].reason
+    assert all(entries[i].status == "done" for i in (0, 1, 2))
 
 
 def test_parquet_has_a_row_for_each_case(tmp_path, client, functions):

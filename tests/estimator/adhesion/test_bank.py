@@ -178,3 +178,19 @@ def test_one_wheel_on_another_rail_has_a_name() -> None:
     assert Hypothesis("low", right="dry").name == "low/dry driven"
     assert Hypothesis("low", right="dry").sides == ("low", "dry")
     assert set(CONDITIONS) >= set(Hypothesis("low", right="dry").sides)
+
+
+def test_data_that_fit_nothing_leave_probabilities_that_sum_to_one() -> None:
+    T = 600
+    rng = np.random.default_rng(1)
+    log = Log(
+        time=1e-3 * np.arange(T),
+        yaw_rate=10.0 * rng.standard_normal(T),
+        lateral_acceleration=1e3 * rng.standard_normal(T),
+        speed=np.full(T, 20.0),
+        traction_torque=np.full(T, 2e4),
+    )
+    found = AdhesionBank(friction=0.0, window=0.5).run(log)
+    assert found.p_none[-1] > 0.99
+    for p in (found.p_region, found.p_condition):
+        np.testing.assert_allclose(p.sum(axis=1), 1.0, atol=1e-9)

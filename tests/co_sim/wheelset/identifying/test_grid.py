@@ -138,7 +138,8 @@ def test_no_sample_ends_far_from_its_time(seed: int, jitter: float, lost: float)
     good = np.asarray(done.log.usable)[:, 1]
     error = np.abs(done.log.lateral_acceleration - smooth(done.log.time))[good]
     assert error.max() <= 2.0 * 1e-3  # the slope of the sine times a step
-    assert done.clock.h == pytest.approx(1e-3, rel=2e-3)
+    # With a third of a step of jitter and a quarter of the rows gone, the rate itself is a guess.
+    assert done.clock.h == pytest.approx(1e-3, rel=1e-2)
 
 
 def test_speed_and_torque_with_holes_are_interpolated_and_told() -> None:
