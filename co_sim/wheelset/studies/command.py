@@ -180,8 +180,10 @@ def _duration(seconds: float) -> str:
 def _write(study: Study, journal: Journal, out: Path) -> None:
     from co_sim.wheelset.studies.output import write
 
-    write(study, journal, out)
-    click.echo(f"{out / 'report.html'} has the answer")
+    click.echo(f"\n{study.question or study.title}\n")
+    for sentence in write(study, journal, out).summary:
+        click.echo(f"- {sentence}")
+    click.echo(f"\n{out / 'report.html'} has the figures and the rest")
 
 
 def _print_fields() -> None:
