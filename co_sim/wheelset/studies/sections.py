@@ -20,7 +20,7 @@ from co_sim.wheelset.studies.outcome_sections import (
 from co_sim.wheelset.studies.section_parts import draw, figure, share_cells, share_numbers, share_words
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from co_sim.wheelset.reporting.section import Cell
     from co_sim.wheelset.studies.findings import Findings
@@ -111,7 +111,10 @@ def _accuracy(study: Study, findings: Findings, what: str, banks: Sequence[str])
         words=tuple(words),
         numbers=numbers,
         axes={"bank": list(banks)},
-        tables=(Table(f"Windows right by true {what}", tuple(columns), tuple(rows)),),
+        tables=(
+            Table(f"Windows right by true {what}", tuple(columns), tuple(rows)),
+            *_crossed(study, findings, what, banks),
+        ),
         figures=figures,
         summary=tuple(words[:2]),
     )
@@ -130,6 +133,35 @@ def _grid_axes(study: Study, findings: Findings, what: str, banks: Sequence[str]
         unit = _UNITS.get(name)
         axes[f"{name}, {unit}" if unit and unit != "1" else name.replace("_", " ")] = (list(values), shares)
     return axes
+
+
+def _crossed(study: Study, findings: Findings, what: str, banks: Sequence[str]) -> Iterator[Table]:
+    """Yield for each numeric quantity of the grid how often each class is right at each of its values."""
+    true = findings.column(what)
+    for name, values in study.grid.items():
+        if len(values) < 2 or not all(isinstance(value, int | float) for value in values):
+            continue
+        of_case = findings.of_case(name)
+        rows: list[tuple[Cell, ...]] = [
+            (
+                label.replace("_", " "),
+                bank,
+                *(
+                    _percent(findings.accuracy(bank, what, (true == i) & (of_case == v)).value)
+                    for v in values
+                ),
+            )
+            for i, label in enumerate(CLASSES[what])
+            if np.any(true == i)
+            for bank in banks
+        ]
+        heading = name.replace("_", " ")
+        columns = (Column(f"true {what}"), Column("bank"), *(Column(f"{heading} {v:g}") for v in values))
+        yield Table(f"Windows right by true {what} and {heading}", columns, tuple(rows))
+
+
+def _percent(share: float) -> Cell:
+    return percent(share) if np.isfinite(share) else None
 
 
 def _confusion(findings: Findings, what: str, banks: Sequence[str]) -> Section:

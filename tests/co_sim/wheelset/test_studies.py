@@ -194,6 +194,9 @@ def test_report_tells_failures_and_finds_its_numbers(tables):
         "failures",
     ]
     assert any("1 of 5 cases failed" in text for text in report.summary)
+    crossed = report.sections[0].tables[1]
+    assert crossed.title == "Windows right by true condition and utilisation"
+    assert [row[2:] for row in crossed.rows if row[1] == "matched"] == [("100\u00a0%",) * 2] * 2
     content = report.as_json()
     numbers = {section["key"]: section for section in content["sections"]}
     assert numbers["accuracy_condition"]["numbers"]["share_right"]["value"] == pytest.approx([18 / 20, 1.0])
