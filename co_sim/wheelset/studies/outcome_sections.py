@@ -137,7 +137,8 @@ def false_alarms_section(findings: Findings) -> Section | None:
     if not found:
         return None
     words = [
-        f"The {bank} bank gives {rate.events} false alarms in {number(rate.seconds)} s: "
+        f"The {bank} bank gives {rate.events} false alarm{'' if rate.events == 1 else 's'} in "
+        f"{number(rate.seconds)} s: "
         f"{number(rate.value, 2)} in 1000 s ({number(rate.low, 2)} to {number(rate.high, 2)})."
         for bank, rate in found.items()
     ]
