@@ -102,6 +102,8 @@ class _Following:
             self._show_to(self._board.complete)
 
     def _show_to(self, end: int) -> None:
+        if self._shown == 0 and end > 1:
+            self._show_to(1)  # the initial values by themselves, as the master shows them
         begin, self._shown = self._shown, max(end, self._shown)
         for rows in self._board.rows(begin, end):
             rows.flags.writeable = False

@@ -146,6 +146,7 @@ def test_observers_may_ask_for_short_blocks():
     recorder = Watching()
     with Supervised(oscillator(), observers=[recorder]) as supervised:
         supervised.run(n_steps=100)
+    assert seen[0] == 1, "the initial values are no step"
     assert max(seen) <= Prompt.max_block
     assert len(recorder.time) == 101
 

@@ -29,6 +29,8 @@ OFFSET_LIMIT = 8e-3
 _SETTLED = 1.0
 #: Probability of low adhesion, low and very low together, at which an alarm begins, and at which it ends.
 _ALARM, _ALL_CLEAR = 0.9, 0.5
+#: A probability that neither begins an alarm nor ends one, for answers that are not to be trusted.
+_NO_ALARM = (_ALARM + _ALL_CLEAR) / 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,14 +135,15 @@ def _said(answer: Answer, rows: NDArray[np.int64]) -> dict[str, list[Any]]:
 def alarms_of(answer: Answer, recording: Recording, trial: Trial) -> Alarms:
     """Return when a bank gave the alarm of low adhesion.
 
-    A bank that knows conditions gives it at a probability of .9 for low and very low together, and takes it
-    back below .5. The bank of the paper knows regions alone: it gives it when it trusts in "unstable".
+    A bank that knows conditions gives it at a probability of .9 for low and very low together where it trusts
+    its answer, and takes it back below .5. The bank of the paper knows regions alone: it gives it when it trusts in "unstable".
     """
     valid = recording.within(np.inf if trial.flanges else OFFSET_LIMIT)
     until = float(recording.time[valid][-1]) if valid.any() else 0.0
     watched = (answer.time >= _SETTLED) & (answer.time <= until)
     if answer.p_condition is not None:
         p = answer.p_condition[:, [CONDITION_NAMES.index(name) for name in ("low", "very_low")]].sum(axis=1)
+        p = np.where(answer.identifiable, p, np.minimum(p, _NO_ALARM))
     else:
         unstable = answer.region == REGIONS.index("unstable")
         p = np.where(unstable & answer.identifiable, 1.0, 0.0)

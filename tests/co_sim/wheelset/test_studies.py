@@ -1,5 +1,7 @@
 """Studies: files that tell their faults, trials that are what they say, scores against hand-made answers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,6 +102,12 @@ def test_alarms_have_hysteresis_and_latency(dropped):
     assert said["adhesion.false_alarms"] == 1
     assert said["adhesion.watched"] == pytest.approx(2.0)
     assert said["adhesion.latency"] == pytest.approx(0.4)
+
+
+def test_no_alarm_without_trust(dropped):
+    trial, recording = dropped
+    answer = replace(answer_with(np.arange(0.01, 6.0, 0.01), 0.99), identifiable=np.zeros(599, dtype=bool))
+    assert alarms_of(answer, recording, trial).onsets == ()
 
 
 def test_a_drop_that_nobody_announces_has_no_latency(dropped):
