@@ -136,7 +136,8 @@ def alarms_of(answer: Answer, recording: Recording, trial: Trial) -> Alarms:
     """Return when a bank gave the alarm of low adhesion.
 
     A bank that knows conditions gives it at a probability of .9 for low and very low together where it trusts
-    its answer, and takes it back below .5. The bank of the paper knows regions alone: it gives it when it trusts in "unstable".
+    its answer, and takes it back below .5. The bank of the paper knows regions alone: it gives it when it
+    trusts in "unstable".
     """
     valid = recording.within(np.inf if trial.flanges else OFFSET_LIMIT)
     until = float(recording.time[valid][-1]) if valid.any() else 0.0
