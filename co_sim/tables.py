@@ -13,14 +13,14 @@ from co_sim.fmi import this_platform
 from co_sim.fmu_summary import CAPABILITIES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from rich.console import RenderableType
 
     from co_sim.checking import Finding, Report
     from co_sim.fmu_summary import FmuSummary, Quantity
 
-__all__ = ["plain_text", "report_tables", "shortened", "summary_tables"]
+__all__ = ["facts", "plain_text", "report_tables", "shortened", "summary_tables"]
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 _LABELS = {"CoSimulation": "co-simulation", "ModelExchange": "model exchange"}
@@ -91,8 +91,13 @@ def _head(summary: FmuSummary) -> RenderableType:
         "states": _states(summary),
         "experiment": _experiment(summary),
     }
+    return facts(summary.model or summary.path, rows)
+
+
+def facts(title: str, rows: Mapping[str, str | None]) -> Table:
+    """Return facts with their names below a title; those without a value are left out."""
     grid = Table.grid(padding=(0, 2))
-    grid.title = plain_text(summary.model or summary.path)
+    grid.title = plain_text(title)
     grid.title.stylize("bold")
     grid.title_justify = "left"
     grid.add_column(no_wrap=True, style="dim")

@@ -9,7 +9,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from co_sim.tables import plain_text, shortened
+from co_sim.tables import facts, plain_text, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -71,16 +71,7 @@ def _head(summary: SspSummary) -> RenderableType:
         "author": summary.author,
         "experiment": experiment,
     }
-    grid = Table.grid(padding=(0, 2))
-    grid.title = plain_text(summary.name or summary.path)
-    grid.title.stylize("bold")
-    grid.title_justify = "left"
-    grid.add_column(no_wrap=True, style="dim")
-    grid.add_column()
-    for name, value in rows.items():
-        if value:
-            grid.add_row(name, plain_text(value))
-    return grid
+    return facts(summary.name or summary.path, rows)
 
 
 def _table(columns: dict[str, Sequence[str]], *, right: str = "") -> Table:

@@ -28,6 +28,7 @@ __all__ = [
     "load_wheelset",
     "packaged_names",
     "packaged_text",
+    "read_text",
     "tables_of",
     "validated",
 ]
@@ -76,7 +77,7 @@ def load_scenario(source: str) -> tuple[Scenario, Path]:
     if source in packaged_names():
         return parse(packaged_text(source), f"{source}.toml"), Path()
     path = Path(source)
-    text = _text(path, f"a scenario file or one of the packaged {', '.join(packaged_names())}")
+    text = read_text(path, f"a scenario file or one of the packaged {', '.join(packaged_names())}")
     return parse(text, path.name), path.parent
 
 
@@ -88,11 +89,12 @@ def load_wheelset(path: Path) -> WheelsetParameters:
     InputError
         If there is no such file, or it has faults.
     """
-    tables = tables_of(_text(path, "a file of parameters"), path.name)
+    tables = tables_of(read_text(path, "a file of parameters"), path.name)
     return validated({"wheelset": tables}, path.name).parameters
 
 
-def _text(path: Path, expected: str) -> str:
+def read_text(path: Path, expected: str) -> str:
+    """Return the text of a file; raise `InputError` if there is none that can be read."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from co_sim.errors import Fault, InputError, suggestion
-from co_sim.wheelset.scenario_file import tables_of, validated
+from co_sim.wheelset.scenario_file import read_text, tables_of, validated
 from fmu_wheelset import CONDITIONS, RailCondition, WheelsetParameters
 
 if TYPE_CHECKING:
@@ -39,14 +39,7 @@ def read_vehicle(path: Path) -> Vehicle:
     InputError
         If the file cannot be read, a name is unknown or a value out of bounds; all faults are told.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "text that is not UTF-8"
-        raise InputError(
-            f"{path}", got=str(reason), expected="a TOML file", remedy="check the path"
-        ) from None
-    wheelset = tables_of(text, path.name)
+    wheelset = tables_of(read_text(path, "a TOML file"), path.name)
     conditions = _completed(path.name, wheelset.pop("conditions", {}))
     try:
         scenario = validated({"wheelset": wheelset, "conditions": conditions}, path.name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -11,6 +10,7 @@ from pydantic import Field, ValidationError
 
 from co_sim.campaign.plan import Case, Plan
 from co_sim.errors import Fault, InputError, suggestion
+from co_sim.wheelset.scenario_file import read_text, tables_of
 from co_sim.wheelset.studies.trial import Trial
 
 if TYPE_CHECKING:
@@ -69,29 +69,14 @@ def load_study(source: str) -> Study:
         text = (_packaged() / f"{source}.toml").read_text(encoding="utf-8")
         return parse(text, f"{source}.toml")
     path = Path(source)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "text that is not UTF-8"
-        raise InputError(
-            source,
-            got=str(reason),
-            expected=f"a study file or one of the packaged {', '.join(packaged_studies())}",
-            remedy="check the path",
-        ) from None
+    text = read_text(path, f"a study file or one of the packaged {', '.join(packaged_studies())}")
     return parse(text, path.name)
 
 
 def parse(text: str, name: str) -> Study:
     """Return the study in a TOML `text`; `name` stands in messages for the file."""
     try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(
-            name, got=f"text that is not TOML ({error})", expected="TOML 1.0", remedy="mend it there"
-        ) from None
-    try:
-        study = Study.model_validate(tables)
+        study = Study.model_validate(tables_of(text, name))
     except ValidationError as error:
         raise InputError.from_faults(
             [_fault(name, e, list(Study.model_fields)) for e in error.errors()]

@@ -11,42 +11,13 @@ import pytest
 from estimator.adhesion import AdhesionBank, Hypothesis
 from estimator.adhesion.block import new_memory, take_sample
 from estimator.adhesion.ekf import COUNT, LOG_L
-from fmu_wheelset.parameters import WheelsetParameters
+
+from .conftest import BOTH, TORQUE, WHEELSET, V, bank, compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimator.adhesion.block import Design, Memory
-
     Array = NDArray[np.float64]
-
-V, TORQUE, H = 30.0, 3000.0, 1e-3
-#: With everything that the default leaves out.
-WHEELSET = replace(
-    WheelsetParameters(), delta_r=1e-4, k_y=1e5, c_y=1e4, c_w=1e4, c_s=50.0, contact_angle=0.1,
-    contact_angle_rate=1.0,
-)  # fmt: skip
-BOTH = np.ones(2, dtype=np.bool_)
-
-
-def bank(**options: object) -> AdhesionBank:
-    return AdhesionBank(WHEELSET, bias=(1e-3, 1e-2), **options)  # type: ignore[arg-type]
-
-
-def compiled(design: Design, z: Array, usable: NDArray[np.bool_] | None = None, v_dot: float = 0.0) -> Memory:
-    memory = new_memory(len(design.held))
-    usable = np.ones(z.shape, dtype=np.bool_) if usable is None else usable
-    work = np.zeros((5, 4, 12))
-    for k in range(len(z)):
-        for i in range(len(design.held)):
-            take_sample(design, memory, i, k == 0, V, v_dot, TORQUE, z[k], usable[k], work)
-    return memory
-
-
-@pytest.fixture(scope="module")
-def z() -> Array:
-    rng = np.random.default_rng(5)
-    return rng.standard_normal((150, 2)) * [1e-3, 0.06]
 
 
 def test_samples_that_are_not_usable_are_not_used(z: Array) -> None:
