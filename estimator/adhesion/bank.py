@@ -18,6 +18,7 @@ from estimator.adhesion.evidence import Belief, Judgement, Rules
 from estimator.adhesion.hypotheses import Hypothesis, with_torque, without_torque
 from estimator.adhesion.motion import Vehicle
 from estimator.adhesion.online import bank_step, judge_blocks, new_judgement, new_work, rate_of
+from estimator.adhesion.renewal import renew
 from estimator.adhesion.result import AdhesionIdentification
 from estimator.adhesion.start import Prior
 from estimator.sensor_noise import SensorNoise
@@ -38,6 +39,10 @@ Flags = NDArray[np.bool_]
 
 #: Length of a block, s: how often evidence is weighed.
 BLOCK = 0.01
+#: Time over which friction within a condition changes, s.
+_FRICTION_TIME = 1.0
+#: Time from one renewal of the hopeless filters to the next, s.
+_RENEWAL = 1.0
 #: Speed below which the creepages are divided by it instead, m/s.
 _SLOWEST = 0.5
 _BOTH = np.ones(2, dtype=np.bool_)
@@ -121,35 +126,38 @@ class AdhesionBank:
                 f"that is one block of {self.block * self.h:g} s"
             )
         hypotheses = self.hypotheses(torque_known=log.traction_torque is not None)
-        told = self.filter_blocks(log, hypotheses, workers=workers)
-        said = self.judge_blocks(told, log, hypotheses)
+        said = self.look_at(log, hypotheses, workers=workers)[1]
         return self._result(log, said, hypotheses, max(round(every / (self.block * self.h)), 1))
 
-    def filter_blocks(
+    def look_at(
         self, log: Log, hypotheses: Sequence[Hypothesis], *, workers: int | None = None
-    ) -> Array:
-        """Return what the filters tell of each block of a log, (blocks, n, 13); see `block.py`."""
-        n, design = len(hypotheses), self.design(hypotheses)
+    ) -> tuple[Array, Judgement]:
+        """Return what the filters tell of each block of a log, (blocks, n, 13), see `block.py`, and what follows."""
+        n, design, rules = len(hypotheses), self.design(hypotheses), self.rules(hypotheses)
+        rows = len(log) // self.block
         torque = np.full(len(log), np.nan) if log.traction_torque is None else log.traction_torque
-        memory = new_memory(n)
+        memory, belief, work = new_memory(n), self.new_belief(rules), new_work(n)
         v_dot = rate_of(log.speed, self.h, memory.speed, True)
         speed, z, usable = np.abs(log.speed), log.measurements, cast("Flags", log.usable)
-        told = np.empty((len(log) // self.block, n, N_TOLD))
+        at_end = speed[self.block - 1 :: self.block]
+        told, said = np.empty((rows, n, N_TOLD)), new_judgement(rows, n, len(self.conditions))
+        rooms = [new_work(n).filter for _ in range(n)]
+        stride = rules.renewal or rows
 
         def run(i: int) -> None:
-            run_filter(design, memory, i, speed, v_dot, torque, z, usable, new_work(n).filter, told)
+            run_filter(
+                design, memory, i, speed, v_dot, torque, z, usable, rooms[i], told, since, until
+            )  # fmt: skip
 
         with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-            list(pool.map(run, range(n)))
-        return told
-
-    def judge_blocks(self, told: Array, log: Log, hypotheses: Sequence[Hypothesis]) -> Judgement:
-        """Return what follows from what the filters of these hypotheses told of each block."""
-        rules = self.rules(hypotheses)
-        said = new_judgement(len(told), len(hypotheses), len(self.conditions))
-        speed = np.abs(log.speed)[self.block - 1 :: self.block]
-        judge_blocks(rules, self.new_belief(rules), told, speed, new_work(len(hypotheses)), said)
-        return said
+            for since in range(0, rows, stride):
+                until = min(since + stride, rows)
+                list(pool.map(run, range(n)))
+                judge_blocks(rules, belief, told, at_end, work, said, since, until)
+                if until % stride == 0:
+                    last = until * self.block - 1
+                    renew(design, memory, belief, speed[last], torque[last])
+        return told, said
 
     def reset(self, *, torque_known: bool = True) -> None:
         """Forget all samples; `torque_known` chooses the hypotheses of the steps to come."""
@@ -215,7 +223,7 @@ class AdhesionBank:
             k_s=w.k_s, c_s=w.c_s, k_psi=w.k_w - 2.0 * w.N * w.contact_angle * w.L_g, c_psi=w.c_w,
             k_y=w.k_y, c_y=w.c_y, k_rel=2.0 * w.N * w.contact_angle_rate, v_min=_SLOWEST,
         )  # fmt: skip
-        decay = 0.1
+        decay = 1.0 / _FRICTION_TIME
         return Design(
             car=car,
             track=Track(track.Omega_c, track.Omega_r, math.pi * track.A * track.Omega_c**2),
@@ -268,13 +276,18 @@ class AdhesionBank:
             width=math.log(1.6),
             memory=block / 2.0,
             s_weight=0.0 if self.friction == 0.0 else self.friction**-2,
+            renewal=round(_RENEWAL / block),
         )
 
     def new_belief(self, rules: Rules) -> Belief:
         """Return what is believed before the first block."""
         n = len(rules.prior)
         return Belief(
-            rules.prior.copy(), np.zeros((max(rules.window, 1), n)), np.zeros(n), np.zeros((n - 1, n - 1))
+            rules.prior.copy(),
+            np.zeros((max(rules.window, 1), n)),
+            np.zeros(n),
+            np.zeros((n - 1, n - 1)),
+            np.zeros(n - 1),
         )
 
     def _result(

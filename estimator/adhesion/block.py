@@ -26,6 +26,7 @@ __all__ = [
     "begin_filter",
     "end_block",
     "new_memory",
+    "one",
     "run_filter",
     "take_sample",
 ]
@@ -40,6 +41,9 @@ CREEP, VAR_CREEP, FRICTION, VAR_FRICTION, LOST = range(8, 13)
 N_TOLD = 13
 #: A wheelset this far from the track is held back by its flanges, m: the filter is lost.
 _FAR = 0.01
+#: Blocks from the start of a filter until its friction may move. What a wheelset does in its first tenths of a
+#: second, before it runs as it would by itself, looks like little friction, and is believed at once.
+_SETTLING = 20
 #: Blocks without data after which a filter starts again: its linear covariance no longer means anything.
 _SILENCE = 20
 #: Greatest driving creep that a filter may believe in.
@@ -73,14 +77,15 @@ class Memory(NamedTuple):
     """What n filters keep from sample to sample.
 
     `Filter` in stacks; what they have told of the block so far (n, 8); the running mean of the normalised
-    squares of their innovations (n,); for how many blocks there was nothing to measure (n,); the speed
-    smoothed (1,).
+    squares of their innovations (n,); for how many blocks there was nothing to measure, and in how many the
+    friction may move (n,); the speed smoothed (1,).
     """
 
     filters: Filter
     told: Array
     squares: Array
     silence: Indices
+    settling: Indices
     speed: Array
 
 
@@ -88,11 +93,13 @@ def new_memory(n: int) -> Memory:
     """Return the memory of n filters before their start."""
     shapes = ((N_X,), (N_X, N_X), (N_X,), (5,), (5, N_X), (7,))
     filters = Filter(*(np.zeros((n, *shape)) for shape in shapes))
-    return Memory(filters, np.zeros((n, 8)), np.ones(n), np.zeros(n, dtype=np.int64), np.zeros(1))
+    silence, settling = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
+    return Memory(filters, np.zeros((n, 8)), np.ones(n), silence, settling, np.zeros(1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _one(filters: Filter, i: int) -> Filter:  # pragma: no cover - compiled
+def one(filters: Filter, i: int) -> Filter:  # pragma: no cover - compiled
+    """Return filter `i` of the stacks."""
     return Filter(
         filters.x[i], filters.C[i], filters.x0[i], filters.f[i], filters.J[i], filters.over_track[i]
     )
@@ -117,9 +124,10 @@ def begin_filter(  # pragma: no cover - compiled
         v,
         torque,
         creep,
-        _one(memory.filters, i),
+        one(memory.filters, i),
     )
     memory.squares[i] = 1.0
+    memory.settling[i] = _SETTLING
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -132,7 +140,7 @@ def take_sample(  # pragma: no cover - compiled
         begin_filter(design, memory, i, v, torque)
     filter_step(
         design.car, design.track, design.noise, design.rails[i], design.held[i], design.W_creep[i], first,
-        design.h, v, v_dot, torque, z, usable, _one(memory.filters, i), work, memory.told[i],
+        design.h, v, v_dot, torque, z, usable, one(memory.filters, i), work, memory.told[i],
     )  # fmt: skip
 
 
@@ -141,7 +149,7 @@ def end_block(  # pragma: no cover - compiled
     design: Design, memory: Memory, i: int, v: float, torque: float, row: Array
 ) -> None:
     """Write what filter `i` tells of a block to row (13,); start it again if it is lost."""
-    told, kept = memory.told[i], _one(memory.filters, i)
+    told, kept = memory.told[i], one(memory.filters, i)
     x, C = kept.x, kept.C
     for j in range(told.shape[0]):
         row[j] = told[j]
@@ -157,6 +165,10 @@ def end_block(  # pragma: no cover - compiled
     for j in range(N_X):
         sound = sound and math.isfinite(x[j]) and C[j, j] >= 0.0
     row[LOST] = 0.0
+    if memory.settling[i] > 0:
+        memory.settling[i] -= 1
+        if memory.settling[i] == 0:
+            C[S, S] += design.prior.s**2
     if memory.silence[i] >= _SILENCE:
         begin_filter(design, memory, i, v, torque)
     elif not sound or memory.squares[i] > design.quiet[1]:
@@ -168,9 +180,12 @@ def end_block(  # pragma: no cover - compiled
 def run_filter(  # pragma: no cover - compiled
     design: Design, memory: Memory, i: int,
     v: Array, v_dot: Array, torque: Array, z: Array, usable: Flags, work: Array, rows: Array,
+    since: int, until: int,
 ) -> None:  # fmt: skip
-    """Run filter `i` over the samples z (T, 2); writes rows (T // block, n, 13)."""
-    for k in range(rows.shape[0] * design.block):
+    """Run filter `i` over the blocks from `since` to before `until` of the samples z (T, 2); writes rows
+    (T // block, n, 13).
+    """
+    for k in range(since * design.block, until * design.block):
         take_sample(design, memory, i, k == 0, v[k], v_dot[k], torque[k], z[k], usable[k], work)
         if (k + 1) % design.block == 0:
             end_block(design, memory, i, v[k], torque[k], rows[k // design.block, i])

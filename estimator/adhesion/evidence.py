@@ -32,7 +32,7 @@ class Rules(NamedTuple):
     `load` normal load times radius on both wheels, N m. `spread` standard deviation of the peak's logarithm
     that the model leaves. `doubt` greatest bound on the error of the condition and `width` greatest
     logarithm of upper over lower bound of the peak adhesion for which the result is trusted. `memory`
-    share of a block in the running sum of the information.
+    share of a block in the running sum of the information. `renewal` blocks from one renewal to the next, 0: none.
     """
 
     curves: Curves
@@ -50,19 +50,21 @@ class Rules(NamedTuple):
     width: float
     memory: float
     s_weight: float
+    renewal: int
 
 
 class Belief(NamedTuple):
     """What is kept from block to block.
 
     `p` (n + 1,) probabilities, `history` (window, n + 1) log-likelihoods with their sums (n + 1,),
-    `information` (n, n) running divergences in nats.
+    `information` (n, n) running divergences in nats, `gained` (n,) log-likelihoods since the last renewal.
     """
 
     p: Array
     history: Array
     total: Array
     information: Array
+    gained: Array
 
 
 class Judgement(NamedTuple):
@@ -260,6 +262,8 @@ def judge(  # pragma: no cover - compiled
     """
     n = told.shape[0]
     _likelihoods(rules, belief, told, log_l)
+    for i in range(n):
+        belief.gained[i] += log_l[i]
     _update(rules, belief, k, log_l)
     _learn(rules, belief, told)
     p = said.p_hypothesis[row]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from estimator.adhesion.block import N_TOLD, end_block, take_sample
 from estimator.adhesion.evidence import Judgement, judge
 from estimator.adhesion.motion import N_X
+from estimator.adhesion.renewal import renew
 
 if TYPE_CHECKING:
     from estimator.adhesion.block import Design, Memory
@@ -76,15 +77,17 @@ def bank_step(  # pragma: no cover - compiled
         end_block(design, memory, i, v, torque, work.told[i])
     block = (k + 1) // design.block - 1
     judge(rules, belief, block, work.told, v, work.log_l, work.peaks, said, 0)
+    if rules.renewal > 0 and (block + 1) % rules.renewal == 0:
+        renew(design, memory, belief, v, torque)
     return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def judge_blocks(  # pragma: no cover - compiled
-    rules: Rules, belief: Belief, told: Array, v: Array, work: Work, said: Judgement
+    rules: Rules, belief: Belief, told: Array, v: Array, work: Work, said: Judgement, since: int, until: int
 ) -> None:
-    """Judge all blocks, told (rows, n, 13), at the speeds v (rows,)."""
-    for k in range(told.shape[0]):
+    """Judge the blocks from `since` to before `until`, told (rows, n, 13), at the speeds v (rows,)."""
+    for k in range(since, until):
         judge(rules, belief, k, told[k], v[k], work.log_l, work.peaks, said, k)
 
 

@@ -21,7 +21,6 @@ from estimator.adhesion.motion import (
     P,
     Q,
     R,
-    S,
     U,
     Vehicle,
     Y,
@@ -41,7 +40,7 @@ class Prior(NamedTuple):
 
     Of the yaw angle (rad), of the offset from the track (m), of the guiding and of the lateral creepage
     over `creep_scale`, of the creep over its value, of the axle's twist (rad), of the friction's
-    logarithm and of the sensors' offsets.
+    logarithm once the filter has settled, and of the sensors' offsets.
     """
 
     psi: float = 0.5e-3
@@ -143,7 +142,6 @@ def start_filter(  # pragma: no cover - compiled
     C[P, P] = level / (2.0 * a)
     C[P, Q] = C[Q, P] = level / (2.0 * a * (a + b))
     C[Q, Q] = level / (2.0 * a * b * (a + b))
-    C[S, S] = prior.s**2
     C[B_G, B_G] = prior.b_g**2
     C[B_A, B_A] = prior.b_a**2
     for i in range(N_X):
