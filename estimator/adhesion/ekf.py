@@ -222,12 +222,26 @@ def _transform(M: Array, C: Array, MC: Array) -> None:  # pragma: no cover - com
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_noise(  # pragma: no cover - compiled
-    noise: Noise, h: float, over_track: Array, x: Array, C: Array
+def _add_fast_noise(  # pragma: no cover - compiled
+    car: Vehicle, noise: Noise, held: bool, W_creep: float, v: float, h: float, C: Array
 ) -> None:
-    """Add the noise of a step h; the friction returns to its condition, so what is not seen grows vague."""
+    """Add the noise of the fast states over h, before their step, which damps it as it damps them.
+
+    Behind the step it would stand undamped: at 2 m/s an acceleration of 1e4 1/s times that of the velocity.
+    """
     C[U, U] += h * noise.W_u
     C[R, R] += h * noise.W_r
+    common = W_creep if held else noise.W_torque * (car.r_R / (v * (car.I_L + car.I_R))) ** 2
+    for i in (L_L, L_R):
+        for j in (L_L, L_R):
+            C[i, j] += h * common
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_slow_noise(  # pragma: no cover - compiled
+    noise: Noise, h: float, over_track: Array, x: Array, C: Array
+) -> None:
+    """Add the noise of the slow states over h; the friction returns to its condition, so it grows vague."""
     C[P, P] += over_track[4]
     for i, sign in ((Q, 1.0), (Y, -1.0)):
         C[i, i] += over_track[6]
@@ -256,14 +270,10 @@ def predict(  # pragma: no cover - compiled
     v = max(v, car.v_min)
     track_step(track, v, h, over_track)
     _slow(car, held, v, 0.5 * h, over_track, x, C)
-    # Noise of the creep comes in before the fast step, which damps it as it damps the creep itself.
-    common = W_creep if held else noise.W_torque * (car.r_R / (v * (car.I_L + car.I_R))) ** 2
-    for i in (L_L, L_R):
-        for j in (L_L, L_R):
-            C[i, j] += h * common
+    _add_fast_noise(car, noise, held, W_creep, v, h, C)
     _fast(h, 0.0 if held else torque * car.r_R / (v * car.I_R), kept, work)
     _slow(car, held, v, 0.5 * h, over_track, x, C)
-    _add_noise(noise, h, over_track, x, C)
+    _add_slow_noise(noise, h, over_track, x, C)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

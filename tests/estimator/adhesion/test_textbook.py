@@ -112,18 +112,18 @@ def predict(design: Design, x: Array, C: Array, f: Array, J: Array) -> tuple[Arr
     # Equal driving creeps of unequal wheels twist the axle.
     drift = np.zeros(12)
     drift[I["theta"]] = 0.5 * H * V * (1.0 / car.r_R - 1.0 / car.r_L)
-    creep_noise = np.zeros((12, 12))
-    creep_noise[2:4, 2:4] = H * n.W_torque * (car.r_R / (V * (car.I_L + car.I_R))) ** 2
+    fast_noise = H * np.diag([n.W_u, n.W_r, *np.zeros(10)])
+    fast_noise[2:4, 2:4] = H * n.W_torque * (car.r_R / (V * (car.I_L + car.I_R))) ** 2
     push = np.array([0.0, 0.0, 0.0, car.r_R / (V * car.I_R) * TORQUE])
 
-    moved, C = S @ x + drift, S @ C @ S.T + creep_noise
+    moved, C = S @ x + drift, S @ C @ S.T + fast_noise
     phi = phi_1(H * J[:, :4])
     M = np.eye(12)
     M[:4] += H * phi @ J
     rate = f + J @ (moved - x) + push
     moved[:4] += H * phi @ rate
     moved, C = S @ moved + drift, S @ M @ C @ M.T @ S.T
-    C += track_noise(TRACK, V, H) + H * np.diag([n.W_u, n.W_r, *np.zeros(10)])
+    C += track_noise(TRACK, V, H)
     keep = np.eye(12)
     keep[9, 9] = 1.0 - H * n.s_decay
     return keep @ moved, keep @ C @ keep.T + H * np.diag([*np.zeros(9), n.W_s, n.W_bg, n.W_ba])
