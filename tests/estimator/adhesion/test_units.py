@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 #: Exponents of mass, length and time in everything that has a unit.
 VEHICLE = {
-    "m": (1, 0, 0), "I_z": (1, 2, 0), "L_g": (0, 1, 0), "cone": (0, -1, 0), "r_L": (0, 1, 0), "r_R": (0, 1, 0),
-    "I_L": (1, 2, 0), "I_R": (1, 2, 0), "k_s": (1, 2, -2), "c_s": (1, 2, -1), "k_psi": (1, 2, -2),
+    "m": (1, 0, 0), "I_z": (1, 2, 0), "L_g": (0, 1, 0), "cone": (0, -1, 0),
+    "r_L": (0, 1, 0), "r_R": (0, 1, 0), "I_L": (1, 2, 0), "I_R": (1, 2, 0), "k_s": (1, 2, -2), "c_s": (1, 2, -1), "k_psi": (1, 2, -2),
     "c_psi": (1, 2, -1), "k_y": (1, 0, -2), "c_y": (1, 0, -1), "k_rel": (1, 0, -2), "v_min": (0, 1, -1),
 }  # fmt: skip
 NOISE = {
@@ -61,7 +61,8 @@ def in_units(design: Design, units: Units) -> Design:
     patch, rails = design.car.patch.copy(), design.rails.copy()
     patch[3] = scaled(patch[3], FORCE, units)
     rails[..., 4] = scaled(rails[..., 4], (0, -1, 1), units)
-    curves = design.curves._replace(v=design.curves.v + [np.log(scaled(1.0, SPEED, units)), 0.0])
+    shift = np.array([np.log(scaled(1.0, SPEED, units)), 0.0])
+    curves = design.curves._replace(v=design.curves.v + shift)
     return design._replace(
         car=rescaled(design.car, VEHICLE, units)._replace(patch=patch),
         noise=rescaled(design.noise, NOISE, units),
