@@ -45,6 +45,11 @@ _FRICTION_TIME = 1.0
 _RENEWAL = 1.0
 #: Speed below which the creepages are divided by it instead, m/s.
 _SLOWEST = 0.5
+#: A wheelset this far from the track is held back by its flanges, m.
+_FAR = 0.01
+#: What a torque leaves open over load times radius: rms on a held creep, and root of the intensity of the
+#: noise on a driving one, s^.5.
+_TORQUE_RMS, _TORQUE_NOISE = 6.25e-3, 1.25e-5
 _BOTH = np.ones(2, dtype=np.bool_)
 
 
@@ -223,17 +228,17 @@ class AdhesionBank:
             k_s=w.k_s, c_s=w.c_s, k_psi=w.k_w - 2.0 * w.N * w.contact_angle * w.L_g, c_psi=w.c_w,
             k_y=w.k_y, c_y=w.c_y, k_rel=2.0 * w.N * w.contact_angle_rate, v_min=_SLOWEST,
         )  # fmt: skip
-        decay = 1.0 / _FRICTION_TIME
+        decay, load = 1.0 / _FRICTION_TIME, 2.0 * w.r0 * w.N
         return Design(
             car=car,
             track=Track(track.Omega_c, track.Omega_r, math.pi * track.A * track.Omega_c**2),
             noise=Noise(
                 R_yaw=noise.yaw_rate**2,
                 R_acc=noise.lateral_acceleration**2,
-                R_torque=500.0**2,
+                R_torque=(_TORQUE_RMS * load) ** 2,
                 W_u=1e-8,
                 W_r=1e-8,
-                W_torque=1.0,
+                W_torque=(_TORQUE_NOISE * load) ** 2,
                 s_decay=decay,
                 W_s=2.0 * decay * self.friction**2,
                 W_bg=1e-3 * self.bias[0] ** 2,
@@ -251,6 +256,7 @@ class AdhesionBank:
             h=self.h,
             block=self.block,
             quiet=np.array([0.05, 1.4]),
+            far=_FAR,
         )
 
     def rules(self, hypotheses: Sequence[Hypothesis]) -> Rules:

@@ -39,8 +39,6 @@ Indices = NDArray[np.int64]
 #: the torque; then creep, its variance, friction's logarithm, its variance, whether it was lost.
 CREEP, VAR_CREEP, FRICTION, VAR_FRICTION, LOST = range(8, 13)
 N_TOLD = 13
-#: A wheelset this far from the track is held back by its flanges, m: the filter is lost.
-_FAR = 0.01
 #: Blocks from the start of a filter until its friction may move. What a wheelset does in its first tenths of a
 #: second, before it runs as it would by itself, looks like little friction, and is believed at once.
 _SETTLING = 20
@@ -55,7 +53,8 @@ class Design(NamedTuple):
 
     `rails` (n, 2, 5), `held` (n,), `creep` (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2)
     the places of both rails in `curves`; `h` step (s) and `block` its samples; `quiet` (2,) the share of a
-    block in the running mean of the normalised squares and its bound beyond which a filter is lost.
+    block in the running mean of the normalised squares and its bound beyond which a filter is lost; `far`
+    the offset from the track beyond which it is lost, m.
     """
 
     car: Vehicle
@@ -71,6 +70,7 @@ class Design(NamedTuple):
     h: float
     block: int
     quiet: Array
+    far: float
 
 
 class Memory(NamedTuple):
@@ -161,7 +161,7 @@ def end_block(  # pragma: no cover - compiled
     if not silent:
         memory.squares[i] += design.quiet[0] * (told[SQUARE] / told[COUNT] - memory.squares[i])
     told[LOG_L], told[SQUARE], told[COUNT] = 0.0, 0.0, 0.0
-    sound = math.isfinite(row[LOG_L]) and row[CREEP] < _GREATEST_CREEP and abs(x[Y]) < _FAR
+    sound = math.isfinite(row[LOG_L]) and row[CREEP] < _GREATEST_CREEP and abs(x[Y]) < design.far
     for j in range(N_X):
         sound = sound and math.isfinite(x[j]) and C[j, j] >= 0.0
     row[LOST] = 0.0

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 #: Columns of a row that describes the rail under one wheel.
 _K_A, _K_S, _MU_0, _A, _B = range(5)
-#: Columns of the row that describes the patch: kappa (N), C11^2, C22^2 and the load (N).
+#: Columns of the row that describes the patch: kappa, C11^2, C22^2 and the load (N).
 _KAPPA, _C11_2, _C22_2, _LOAD = range(4)
 #: Square of a creepage along the rail that is added, so that the secant at no creepage is that along it.
 _TINY = 1e-24

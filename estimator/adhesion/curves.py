@@ -85,7 +85,7 @@ def landmarks(  # pragma: no cover - compiled
 ) -> tuple[float, float, float]:
     """Return the logarithms of peak adhesion and of the creeps of peak and knee of condition `i`."""
     n_v, n_s = curves.values.shape[1], curves.values.shape[2]
-    at_v = (math.log(max(v, 1e-3)) - curves.v[0]) / curves.v[1]
+    at_v = (math.log(v) - curves.v[0]) / curves.v[1] if v > 0.0 else 0.0
     at_s = (s - curves.s[0]) / curves.s[1]
     at_v, at_s = min(max(at_v, 0.0), n_v - 1.0), min(max(at_s, 0.0), n_s - 1.0)
     j, k = min(int(at_v), n_v - 2), min(int(at_s), n_s - 2)

@@ -83,12 +83,13 @@ def start_creep(  # pragma: no cover - compiled
     past = held and creep > 1.0
     lower, upper = (peak, 1.0) if past else (0.0, peak)
     wanted = abs(torque)
-    falls = _rolling_torque(car, rails, v, upper) < wanted
-    if (_rolling_torque(car, rails, v, lower) < wanted) == falls:
+    lowest, highest = (upper, lower) if past else (lower, upper)
+    in_reach = _rolling_torque(car, rails, v, lowest) <= wanted <= _rolling_torque(car, rails, v, highest)
+    if not in_reach:
         return math.copysign(creep * peak if held else peak, torque)
     for _ in range(50):
         middle = 0.5 * (lower + upper)
-        if (_rolling_torque(car, rails, v, middle) < wanted) == falls:
+        if (_rolling_torque(car, rails, v, middle) < wanted) == past:
             upper = middle
         else:
             lower = middle

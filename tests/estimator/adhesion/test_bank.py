@@ -98,6 +98,18 @@ def test_hypotheses_in_another_order_say_the_same(log: Log) -> None:
     assert again.mu_max == pytest.approx(there.mu_max, rel=1e-5)
 
 
+def test_conditions_in_another_order_say_the_same(found: AdhesionIdentification, log: Log) -> None:
+    # Probabilities, creep curves and peaks of adhesion belong to conditions by name.
+    names = ("low", "very_low", "dry", "wet")
+    again = AdhesionBank(conditions={name: CONDITIONS[name] for name in names}).run(log)
+    order = [found.conditions.index(name) for name in names]
+    assert again.conditions == names
+    assert again.p_condition == pytest.approx(found.p_condition[:, order], rel=1e-9, abs=1e-12)
+    assert again.p_region == pytest.approx(found.p_region, rel=1e-9, abs=1e-12)
+    assert again.mu_max == pytest.approx(found.mu_max, rel=1e-5)
+    assert np.array_equal(again.identifiable, found.identifiable)
+
+
 def test_windowed_evidence_forgets(log: Log) -> None:
     # The same second of data after other data: the filters remember a little, the evidence nothing.
     bank = AdhesionBank(window=0.5)

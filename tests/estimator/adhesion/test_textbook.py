@@ -87,10 +87,11 @@ def slow_matrix(wheelset: WheelsetParameters, track: TrackSpectrum, v: float, h:
     return np.asarray(linalg.expm(A * h))
 
 
-def phi_1(Z: Array) -> Array:
-    """Return (exp(Z) - 1)/Z by the (1, 2) approximant of Pade."""
+def phi_functions(Z: Array) -> tuple[Array, Array]:
+    """Return phi_1 = (exp(Z) - 1)/Z and phi_2 = (phi_1 - 1)/Z by the (1, 2) approximant of Pade."""
     one = np.eye(len(Z))
-    return np.asarray(np.linalg.inv(one - 2.0 * Z / 3.0 + Z @ Z / 6.0) @ (one - Z / 6.0))
+    D = one - 2.0 * Z / 3.0 + Z @ Z / 6.0
+    return np.linalg.solve(D, one - Z / 6.0), np.linalg.solve(D, 0.5 * one - Z / 6.0)
 
 
 def track_noise(track: TrackSpectrum, v: float, h: float) -> Array:
@@ -112,18 +113,19 @@ def predict(design: Design, x: Array, C: Array, f: Array, J: Array) -> tuple[Arr
     # Equal driving creeps of unequal wheels twist the axle.
     drift = np.zeros(12)
     drift[I["theta"]] = 0.5 * H * V * (1.0 / car.r_R - 1.0 / car.r_L)
-    creep_noise = np.zeros((12, 12))
-    creep_noise[2:4, 2:4] = H * n.W_torque * (car.r_R / (V * (car.I_L + car.I_R))) ** 2
+    fast_noise = H * np.diag([n.W_u, n.W_r, *np.zeros(10)])
+    fast_noise[2:4, 2:4] = H * n.W_torque * (car.r_R / (V * (car.I_L + car.I_R))) ** 2
     push = np.array([0.0, 0.0, 0.0, car.r_R / (V * car.I_R) * TORQUE])
-
-    moved, C = S @ x + drift, S @ C @ S.T + creep_noise
-    phi = phi_1(H * J[:, :4])
+    # Behind half a step of the slow states; what it changed of the rates goes on changing them.
+    phi_1, phi_2 = phi_functions(H * J[:, :4])
+    lead = H * (2.0 * phi_2 - phi_1) @ J @ (np.eye(12) - np.linalg.inv(S))
     M = np.eye(12)
-    M[:4] += H * phi @ J
-    rate = f + J @ (moved - x) + push
-    moved[:4] += H * phi @ rate
+    M[:4] += H * phi_1 @ J + lead
+    moved, C = S @ x + drift, S @ C @ S.T + fast_noise
+    change = J @ (moved - x)
+    moved[:4] += H * phi_1 @ (f + push + change) + H * (2.0 * phi_2 - phi_1) @ change
     moved, C = S @ moved + drift, S @ M @ C @ M.T @ S.T
-    C += track_noise(TRACK, V, H) + H * np.diag([n.W_u, n.W_r, *np.zeros(10)])
+    C += track_noise(TRACK, V, H)
     keep = np.eye(12)
     keep[9, 9] = 1.0 - H * n.s_decay
     return keep @ moved, keep @ C @ keep.T + H * np.diag([*np.zeros(9), n.W_s, n.W_bg, n.W_ba])
@@ -181,11 +183,13 @@ def test_small_step_tends_to_the_continuous_model() -> None:
     rng = np.random.default_rng(3)
     for size, error in ((0.1, 1e-5), (1.0, 2e-2), (16.0, 0.2)):
         Z = -size * np.diag(rng.uniform(0.2, 1.0, 4)) + 0.02 * size * rng.standard_normal((4, 4))
-        phi, D = np.zeros((4, 12)), np.zeros((4, 12))
+        phi, ramp, D = np.zeros((3, 4, 12))
         padded = np.zeros((4, 12))
         padded[:, :4] = Z
-        exponential(padded, phi, D)
-        assert np.allclose(phi[:, :4], phi_1(Z), rtol=1e-12)
+        exponential(padded, phi, ramp, D)
+        phi_1, phi_2 = phi_functions(Z)
+        assert np.allclose(phi[:, :4], phi_1, rtol=1e-12)
+        assert np.allclose(ramp[:, :4], 2.0 * phi_2 - phi_1, rtol=1e-9, atol=1e-12)
         values, vectors = np.linalg.eig(Z)
         exact = (vectors * np.exp(values)) @ np.linalg.inv(vectors)
         assert np.abs(np.eye(4) + Z @ phi[:, :4] - exact).max() < error
