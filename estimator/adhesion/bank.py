@@ -15,6 +15,7 @@ from estimator.adhesion.creep_law import creep_scale, patch_row, rail_row
 from estimator.adhesion.curves import REGIONS, curves_of
 from estimator.adhesion.ekf import Noise, Track
 from estimator.adhesion.evidence import Belief, Judgement, Rules
+from estimator.adhesion.fuzzy import FuzzyIdentifier
 from estimator.adhesion.hypotheses import Hypothesis, with_torque, without_torque
 from estimator.adhesion.motion import Vehicle
 from estimator.adhesion.online import bank_step, judge_blocks, new_judgement, new_work, rate_of
@@ -27,6 +28,7 @@ from fmu_wheelset.parameters import CONDITIONS, WheelsetParameters
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from estimator.adhesion.fuzzy import Verdict
     from estimator.log import Log
     from estimator.track_spectrum import TrackSpectrum
     from fmu_wheelset.parameters import RailCondition
@@ -123,7 +125,9 @@ class AdhesionBank:
         hypotheses = self.hypotheses(torque_known=log.traction_torque is not None)
         told = self.filter_blocks(log, hypotheses, workers=workers)
         said = self.judge_blocks(told, log, hypotheses)
-        return self._result(log, said, hypotheses, max(round(every / (self.block * self.h)), 1))
+        speed = log.speed[self.block - 1 :: self.block]
+        verdict = FuzzyIdentifier(self, hypotheses).run(told, speed, said)
+        return self._result(log, said, verdict, hypotheses, max(round(every / (self.block * self.h)), 1))
 
     def filter_blocks(
         self, log: Log, hypotheses: Sequence[Hypothesis], *, workers: int | None = None
@@ -163,6 +167,11 @@ class AdhesionBank:
     def state(self) -> tuple[Memory, Belief]:
         """What `step` keeps besides `samples`: nested tuples of arrays, to be copied or written into."""
         return self._memory, self._belief
+
+    @property
+    def told(self) -> Array:
+        """What the filters told of the last block that `step` has ended, (n, 13); see `block.py`."""
+        return self._work.told
 
     @property
     def samples(self) -> int:
@@ -278,7 +287,7 @@ class AdhesionBank:
         )
 
     def _result(
-        self, log: Log, said: Judgement, hypotheses: Sequence[Hypothesis], stride: int
+        self, log: Log, said: Judgement, verdict: Verdict, hypotheses: Sequence[Hypothesis], stride: int
     ) -> AdhesionIdentification:
         """Return every `stride`-th row."""
         take = slice(stride - 1, None, stride)
@@ -294,6 +303,7 @@ class AdhesionBank:
             mu_max_low=lower,
             mu_max_high=upper,
             identifiable=said.identifiable[take],
+            fuzzy=verdict.at(take),
             regions=REGIONS,
             conditions=tuple(self.conditions),
             hypotheses=tuple(h.name for h in hypotheses),
