@@ -276,7 +276,7 @@ class FuzzyIdentifier:
 
     def step(self, k: int, told: Array, speed: float, said: Judgement, verdict: Verdict) -> None:
         """Take block `k` = 0, 1, ...: told (n, 13), and row 0 of what the bank says; write row 0."""
-        _rows(self._design, self._memory, self._work, k, told[None], np.array([speed]), said, verdict)
+        _rows(self._design, self._memory, self._work, k, told[None], np.array([abs(speed)]), said, verdict)
 
     def run(self, told: Array, speed: Array, said: Judgement) -> Verdict:
         """Reset, then judge all blocks, told (rows, n, 13), at the speeds (rows,)."""
