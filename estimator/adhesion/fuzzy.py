@@ -73,6 +73,10 @@ class Verdict(NamedTuple):
             self.region[rows], self.condition[rows], self.known[rows], self.clear[rows], self.score[rows]
         )
 
+    def only(self, where: Flags) -> Verdict:
+        """Return the same with a statement only where (rows,) is true."""
+        return self._replace(clear=self.clear & where, score=np.where(where, self.score, np.nan))
+
     @property
     def advice(self) -> Advice:
         """What a driver or a traction controller should do."""
