@@ -84,10 +84,15 @@ class Verdict(NamedTuple):
 
 
 class Design(NamedTuple):
-    """What `fuzzy_block` reads: curves of the conditions, their places by filter (n, 2), and the system."""
+    """What `fuzzy_block` reads.
+
+    Curves of the conditions, their places by filter (n, 2), one over the variance of the friction's logarithm
+    within a condition, and the system as in `infer`.
+    """
 
     curves: Curves
     curve: Indices
+    s_weight: float
     corners: Array
     bounds: Array
     clauses: Indices
@@ -159,13 +164,15 @@ def _see(  # pragma: no cover - compiled
 
     With the residual g^2 = exp(mean ln S) mean(e^2/S), the rms of the innovations in units that all filters
     share, the misfit is N ln(g/g_best): minus the logarithm of the likelihood ratio of N innovations if
-    their scale is not known.
+    their scale is not known. What the prior of the friction holds against the filter is added: one whose
+    friction has gone to that of another condition explains the data as well as that one.
     """
     n, best = told.shape[0], math.inf
     for i in range(n):
         count, square, spread = mean[3 * i], mean[3 * i + 1], mean[3 * i + 2]
         ratio = max(square / count, _TINY) if count > 0.0 else 1.0
-        x[3 * i] = 0.5 * blocks * (count * math.log(ratio) + spread)
+        s = told[i, FRICTION] if math.isfinite(told[i, FRICTION]) else 0.0
+        x[3 * i] = 0.5 * (blocks * (count * math.log(ratio) + spread) + s * s * design.s_weight)
         x[3 * i + 1] = math.sqrt(ratio)
         x[3 * i + 2] = _place(design, i, told, v)
         best = min(best, x[3 * i])
@@ -251,7 +258,7 @@ class FuzzyIdentifier:
         self._n, self._conditions = len(hypotheses), len(bank.conditions)
         rules = bank.rules(hypotheses)
         self._system = fuzzy_system(hypotheses, list(bank.conditions)).compile()
-        self._design = Design(rules.curves, rules.curve, *self._system.arrays)
+        self._design = Design(rules.curves, rules.curve, rules.s_weight, *self._system.arrays)
         self.reset()
 
     @property

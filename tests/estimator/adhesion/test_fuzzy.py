@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.adhesion import AdhesionBank, FuzzyIdentifier, Hypothesis, fuzzy_system, new_judgement
-from estimator.adhesion.block import CREEP, N_TOLD
+from estimator.adhesion.block import CREEP, FRICTION, N_TOLD
 from estimator.adhesion.curves import PAST_PEAK, landmarks
 from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE
 from estimator.adhesion.hypotheses import with_torque, without_torque
@@ -157,6 +157,16 @@ def test_degrees_are_those_of_scikit_fuzzy(situation: tuple[Array, Array, Array]
                 truths.append(1.0 - truth if clause.negated else truth)
             total = np.fmax(total, np.fmin(min(truths), shapes[rule.then.term]))
         assert degree == pytest.approx(skfuzzy.defuzz(grid, total, "centroid"), abs=GRID)
+
+
+@pytest.mark.parametrize("deviations", [0.0, 1.0, 3.0, 5.0])
+def test_friction_of_another_condition_is_held_against_a_filter(deviations: float) -> None:
+    """By the logarithm of its prior density, in nats: 12.5 at five standard deviations."""
+    told = told_of(np.ones((1, N)), np.where(OWN <= 1, 0.0, 2.0)[None])
+    told[0, OWN == 1, FRICTION] = deviations * BANK.friction
+    rival = max(1.0 - 0.5 * deviations**2 / 10.0, 0.0)
+    expected = [centroid(1.0, rival), centroid(rival, 1.0), 0.1, 0.1]
+    assert verdict_of(told).condition[0] == pytest.approx(expected, abs=GRID)
 
 
 def test_misfit_is_that_of_the_innovations_themselves() -> None:
