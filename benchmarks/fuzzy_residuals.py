@@ -21,6 +21,7 @@ from co_sim.wheelset.recordings import Journey, Stretch, record
 from estimator import CreepCurve
 from estimator.adhesion import REGIONS, AdhesionBank, FuzzyIdentifier
 from estimator.adhesion.curves import PAST_PEAK
+from estimator.advice import LEVELS, advise
 from estimator.log import Log
 from fmu_wheelset.parameters import CONDITIONS
 
@@ -81,10 +82,12 @@ def score(recording: Recording, log: Log, bank: AdhesionBank, condition: str) ->
     counted[: round(WINDOW / (bank.block * bank.h))] = False
     own, unstable = list(CONDITIONS).index(condition), region == REGIONS.index("unstable")
     rows = []
-    for p_condition, p_region, stated in (
-        (said.p_condition, said.p_region, said.identifiable),
-        (fuzzy.condition, fuzzy.region, fuzzy.clear & said.identifiable),
+    evidence = advise(said.p_region, said.identifiable, said.mu[:, 0], said.mu[:, 2])
+    for p_condition, p_region, advice in (
+        (said.p_condition, said.p_region, evidence.score),
+        (fuzzy.condition, fuzzy.region, fuzzy.score),
     ):
+        advised, unsafe = np.isfinite(advice), unstable & (advice >= LEVELS["hold torque"])
         right = p_condition.argmax(axis=1) == own
         found = p_region.argmax(axis=1)
         rows.append(
@@ -94,9 +97,9 @@ def score(recording: Recording, log: Log, bank: AdhesionBank, condition: str) ->
                     counted,
                     right,
                     found == region,
-                    unstable & (found == 0),
-                    stated,
-                    stated & ~right,
+                    advised,
+                    advised & ~right,
+                    unsafe,
                 )
             ]
         )
@@ -106,9 +109,9 @@ def score(recording: Recording, log: Log, bank: AdhesionBank, condition: str) ->
 def line(name: str, counts: NDArray[np.float64]) -> str:
     """Return the number of rows, and shares of them by evidence and by the fuzzy identifier."""
     cells = []
-    for all_rows, right, region, unsafe, stated, wrong in counts:
-        shares = (right / all_rows, region / all_rows, unsafe / all_rows, stated / all_rows)
-        cells.append("".join(f"{share:8.3f}" for share in (*shares, wrong / max(stated, 1.0))))
+    for rows, right, region, advised, wrong, unsafe in counts:
+        shares = (right / rows, region / rows, advised / rows, wrong / max(advised, 1.0), unsafe / rows)
+        cells.append("".join(f"{share:8.3f}" for share in shares))
     return f"{name:16s}{counts[0, 0]:7.0f} {cells[0]}   {cells[1]}"
 
 
@@ -118,9 +121,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1)
     seeds = range(parser.parse_args().seeds)
     bank, loads = AdhesionBank(window=WINDOW), (*UTILISATIONS, PAST)
-    print(
-        "shares of rows: condition right, region right, called linear past the peak, stated, wrong of these"
-    )
+    print("shares of rows: condition right; region right; advised; condition wrong of these;")
+    print("told to hold or raise the torque past the peak")
     print(f"{'':16s}{'rows':>7s} {'evidence':>40s}   {'fuzzy identifier':>40s}")
     by_load = dict.fromkeys(loads, np.zeros((2, 6)))
     for condition, speed in itertools.product(CONDITIONS, SPEEDS):

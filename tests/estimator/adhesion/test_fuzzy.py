@@ -235,6 +235,21 @@ def test_units_do_not_matter(situation: tuple[Array, Array, Array], shift: float
 
 
 @settings(deadline=None)
+@given(situations(), st.floats(0.8, 1.3))
+def test_sensors_noisier_than_told_change_no_verdict(
+    situation: tuple[Array, Array, Array], noisier: float
+) -> None:
+    """Only whether any filter is as good as it expects to be."""
+    residuals, spreads, creeps = situation
+    there = verdict_of(told_of(*situation))
+    again = verdict_of(told_of(residuals * noisier, spreads, creeps))
+    assert again.condition == pytest.approx(there.condition, abs=1e-9)
+    assert again.region == pytest.approx(there.region, abs=1e-9)
+    if noisier > 1.0:
+        assert again.known[0] <= there.known[0] + 1e-9
+
+
+@settings(deadline=None)
 @given(situations(), st.integers(0, N - 1), st.floats(0.7, 1.0))
 def test_a_smaller_residual_speaks_for_its_filter(
     situation: tuple[Array, Array, Array], i: int, less: float
