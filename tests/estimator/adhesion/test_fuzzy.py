@@ -347,6 +347,12 @@ def test_one_blow_does_not_decide_for_a_second() -> None:
     assert verdict_of(told).clear.all()
 
 
+def test_a_statement_can_be_withdrawn_row_by_row() -> None:
+    said = verdict_of(np.concatenate([alone(0), alone(0)])).only(np.array([True, False]))
+    assert said.clear.tolist() == [True, False]
+    assert said.advice.words == ("more torque possible", "no statement")
+
+
 # On a motion of the wheelset -------------------------------------------------------------------------
 
 
