@@ -75,11 +75,10 @@ def record(condition: str, speed: float, utilisation: float, seed: int, friction
 def judge(trial: Trial, bank: AdhesionBank, windows: tuple[float, ...]) -> list[tuple[float, ...]]:
     """Return share right, median error of the peak, coverage, share more than 10 % too high; by window."""
     hypotheses = bank.hypotheses()
-    told = bank.filter_blocks(trial.log, hypotheses)
     results = []
     for window in windows:
         bank.window = window
-        said = bank.judge_blocks(told, trial.log, hypotheses)
+        said = bank.look_at(trial.log, hypotheses)[1]
         since = int(max(window, 1.0) * 100)
         right = np.argmax(said.p_condition[since:], axis=1) == list(CONDITIONS).index(trial.condition)
         _, peak, lower, upper = said.mu[since:].T / trial.peak
@@ -117,7 +116,7 @@ def main() -> None:
             f"inside the 90 % interval {inside:.1%}, more than 10 % too high {high:.1%}"
         )
     start = time.process_time()
-    bank.filter_blocks(trials[-1].log, bank.hypotheses(), workers=1)
+    bank.look_at(trials[-1].log, bank.hypotheses(), workers=1)
     cost = (time.process_time() - start) / len(trials[-1].log) / len(bank.hypotheses())
     print(f"{1e6 * cost:.2f} us for each step of a filter")
 

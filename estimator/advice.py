@@ -9,9 +9,10 @@ magnitude.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -22,9 +23,19 @@ from estimator.fuzzy import Clause, FuzzySystem, Rule, Term, Variable, infer
 if TYPE_CHECKING:
     from estimator.fuzzy import CompiledFuzzySystem
 
-__all__ = ["LEVELS", "NO_STATEMENT", "Advice", "advice_system", "advise"]
+__all__ = [
+    "LEVELS",
+    "NO_STATEMENT",
+    "Advice",
+    "Advisers",
+    "advice_score",
+    "advice_system",
+    "advise",
+    "new_advisers",
+]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 #: What is advised, with the least score for it; from the least to the most torque.
@@ -50,6 +61,21 @@ _UNKNOWN_USE = 0.75
 _TINY = 1e-6
 
 
+class Advisers(NamedTuple):
+    """The system as in `infer`, its inputs (3,) and room for (rules,), (3, grid) and its outputs (3,)."""
+
+    corners: Array
+    bounds: Array
+    clauses: Indices
+    conclusions: Indices
+    shapes: Array
+    grid: Array
+    x: Array
+    strength: Array
+    area: Array
+    y: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Advice:
     """Advice for n rows.
@@ -62,6 +88,13 @@ class Advice:
 
     score: Array
     words: tuple[str, ...]
+
+    @classmethod
+    def of(cls, score: Array) -> Advice:
+        """Return the advice of these scores (n,), in words."""
+        names = np.array([*LEVELS, NO_STATEMENT])
+        level = np.searchsorted(list(LEVELS.values())[1:], score, side="right")
+        return cls(score, tuple(names[np.where(np.isnan(score), len(LEVELS), level)].tolist()))
 
     @property
     def shares(self) -> dict[str, float]:
@@ -130,15 +163,15 @@ def advise(
             f"advice: got probabilities of shape {p_region.shape} and {len(identifiable)} flags, expected "
             f"(n, 3) and n; give those of the linear region, the peak and the unstable region"
         )
-    use = _use(len(p_region), mu_used, mu_max_low)
-    score = np.empty(len(p_region))
-    system = _compiled()
-    x = np.column_stack([p_region[:, 2], p_region[:, 1] + p_region[:, 2], use])
-    _infer_rows(x, *system.arrays, np.empty(len(system.conclusions)), np.empty_like(system.grid), score)
+    n = len(p_region)
+    used, available = (
+        np.full(n, np.nan) if adhesion is None else np.asarray(adhesion, dtype=np.float64)
+        for adhesion in (mu_used, mu_max_low)
+    )
+    score = np.empty(n)
+    _scores(new_advisers(), p_region, used, available, score)
     score[~np.asarray(identifiable, dtype=np.bool_) | ~np.isfinite(p_region).all(axis=1)] = np.nan
-    names = np.array([*LEVELS, NO_STATEMENT])
-    level = np.searchsorted(list(LEVELS.values())[1:], score, side="right")
-    return Advice(score, tuple(names[np.where(np.isnan(score), len(LEVELS), level)].tolist()))
+    return Advice.of(score)
 
 
 @cache
@@ -146,31 +179,44 @@ def _compiled() -> CompiledFuzzySystem:
     return advice_system().compile()
 
 
-def _use(n: int, used: Array | None, available: Array | None) -> Array:
-    """Return how much of the available adhesion is used (n,)."""
-    if used is None or available is None:
-        return np.full(n, _UNKNOWN_USE)
-    used, available = np.abs(used), np.asarray(available, dtype=np.float64)
-    use = np.where(
-        available > _TINY, used / np.maximum(available, _TINY), np.where(used > _TINY, np.inf, 0.0)
+def new_advisers() -> Advisers:
+    """Return what `advice_score` needs; not to be shared between threads."""
+    system = _compiled()
+    outputs = np.empty(len(system.grid))
+    return Advisers(
+        *system.arrays, np.empty(3), np.empty(len(system.conclusions)), np.empty_like(system.grid), outputs
     )
-    return np.where(np.isfinite(used) & np.isfinite(available), use, _UNKNOWN_USE)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _infer_rows(  # pragma: no cover - compiled
-    x: Array,
-    corners: Array,
-    bounds: Array,
-    clauses: NDArray[np.int64],
-    conclusions: NDArray[np.int64],
-    shapes: Array,
-    grid: Array,
-    strength: Array,
-    area: Array,
-    score: Array,
+def advice_score(  # pragma: no cover - compiled
+    advisers: Advisers, past: float, not_linear: float, used: float, available: float
+) -> float:
+    """Return the score of `Advice` for one row, from -1 to 1.
+
+    `past` and `not_linear` are the probabilities that the wheelset is past the peak, and at or past it;
+    `used` and `available` (lower end of its interval) the adhesion, NaN where not known.
+    """
+    a = advisers
+    a.x[0], a.x[1], a.x[2] = past, not_linear, _use(used, available)
+    infer(a.x, a.corners, a.bounds, a.clauses, a.conclusions, a.shapes, a.grid, a.strength, a.area, a.y)
+    return float(a.y.min())
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _use(used: float, available: float) -> float:  # pragma: no cover - compiled
+    """Return how much of the available adhesion is used."""
+    if not (math.isfinite(used) and math.isfinite(available)):
+        return _UNKNOWN_USE
+    if available > _TINY:
+        return abs(used) / available
+    return math.inf if abs(used) > _TINY else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scores(  # pragma: no cover - compiled
+    advisers: Advisers, p_region: Array, used: Array, available: Array, score: Array
 ) -> None:
-    y = np.empty(grid.shape[0])
-    for i in range(x.shape[0]):
-        infer(x[i], corners, bounds, clauses, conclusions, shapes, grid, strength, area, y)
-        score[i] = y.min()
+    for i in range(len(score)):
+        past = p_region[i, 2]
+        score[i] = advice_score(advisers, past, p_region[i, 1] + past, used[i], available[i])

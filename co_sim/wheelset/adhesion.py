@@ -1,4 +1,4 @@
-"""The adhesion bank as a component of the co-simulation: measurements in, rail and adhesion out."""
+"""The adhesion bank as a component of the co-simulation: measurements in, rail, adhesion and advice out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from co_sim.component import Component, Port, StateError
 from co_sim.errors import InputError
 from co_sim.wheelset.identification import MEASUREMENTS
-from estimator.adhesion import REGIONS, new_judgement
+from estimator.adhesion import REGIONS, FuzzyIdentifier, new_judgement
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,8 +32,11 @@ class AdhesionComponent(Component):
 
     Inputs are the two measurements, the ``speed`` (m/s) and the ``traction_torque`` (total on the axle, N m).
     Outputs: ``p_region.NAME`` and ``p_condition.NAME``, ``p_none`` (probability that no hypothesis
-    holds), ``mu_used``, ``mu_max``, ``mu_max_low``, ``mu_max_high`` and ``identifiable``. They change with
-    each block of the bank; before the first one all is equally likely and nothing identifiable.
+    holds), ``mu_used``, ``mu_max``, ``mu_max_low``, ``mu_max_high`` and ``identifiable``; then what the fuzzy
+    identifier makes of the same filters: degrees ``fuzzy_region.NAME``, ``fuzzy_condition.NAME`` and
+    ``fuzzy_known`` from 0.1 (no) to 0.9 (yes), ``advised``, and where that is true ``advice`` from -1 (reduce
+    sharply) to 1 (more torque possible), else 0. They change with each block of the bank; before the first
+    one all is equally likely and nothing identifiable.
 
     Parameters
     ----------
@@ -58,13 +61,22 @@ class AdhesionComponent(Component):
                 Port("p_none", description="probability that no hypothesis holds"),
                 *(Port(name, description=text) for name, text in _ADHESION.items()),
                 Port("identifiable", kind="boolean", description="whether to trust the other outputs"),
+                *(
+                    Port(f"fuzzy_{what}.{name}", description=f"degree of the {what} {name}")
+                    for what, names in classes.items()
+                    for name in names
+                ),
+                Port("fuzzy_known", description="degree to which a filter is as good as it expects to be"),
+                Port("advice", description="from -1, reduce sharply, to 1, more torque possible"),
+                Port("advised", kind="boolean", description="whether there is an advice"),
             ],
             feedthrough={},
         )
         self._bank = bank
         self._period = period
-        n, c = len(bank.hypotheses()), len(bank.conditions)
-        self._said = new_judgement(1, n, c)
+        self._said = new_judgement(1, len(bank.hypotheses()), len(bank.conditions))
+        self._fuzzy = FuzzyIdentifier(bank, bank.hypotheses())
+        self._verdict = self._fuzzy.new_verdict(1)
         self._held = np.zeros(0)
         self._steps = 0
 
@@ -84,8 +96,11 @@ class AdhesionComponent(Component):
                 remedy="choose another period or make the bank for this one",
             )
         self._bank.reset()
+        self._fuzzy.reset()
         n = len(self._bank.conditions)
-        self._held = np.concatenate([np.full(3, 1.0 / 3.0), np.full(n, 1.0 / n), np.zeros(6)])
+        self._held = np.concatenate(
+            [np.full(3, 1.0 / 3.0), np.full(n, 1.0 / n), np.zeros(6), np.full(3 + n + 1, 0.5), np.zeros(2)]
+        )
         self._steps = 0
 
     def exchange(self, u: Vector, y: Vector) -> None:
@@ -95,14 +110,24 @@ class AdhesionComponent(Component):
     def step(self, t: float, h: float, u: Vector, y: Vector) -> None:
         """Take the sample at the start of the step if there is one."""
         if self._steps % self._period == 0 and self._bank.step(u[:2], u[2], u[3], self._said):
-            said = self._said
-            told = (said.p_region[0], said.p_condition[0], said.p_none, said.mu[0], said.identifiable)
-            self._held = np.concatenate(told, dtype=np.float64)
+            self._hold(float(u[2]))
         self._steps += 1
         y[:] = self._held
 
+    def _hold(self, speed: float) -> None:
+        """Take what the bank has told of the block that has just ended."""
+        said, verdict, bank = self._said, self._verdict, self._bank
+        self._fuzzy.step(bank.samples // bank.block - 1, bank.told, speed, said, verdict)
+        advised = np.isfinite(verdict.score)
+        told = (
+            said.p_region[0], said.p_condition[0], said.p_none, said.mu[0], said.identifiable,
+            verdict.region[0], verdict.condition[0], verdict.known,
+            np.where(advised, verdict.score, 0.0), advised,
+        )  # fmt: skip
+        self._held = np.concatenate(told, dtype=np.float64)
+
     def save(self) -> object:
-        """Return a copy of what the bank keeps, in one row."""
+        """Return a copy of what bank and fuzzy identifier keep, in one row."""
         parts = [self._held, np.array([self._steps, self._bank.samples]), *self._arrays()]
         return np.concatenate([np.ravel(part) for part in parts], dtype=np.float64)
 
@@ -129,7 +154,7 @@ class AdhesionComponent(Component):
         return np.frombuffer(data, dtype="<f8").astype(np.float64)
 
     def _arrays(self) -> Iterator[Vector]:
-        yield from _leaves(self._bank.state)
+        yield from _leaves((self._bank.state, self._fuzzy.state))
 
 
 def _leaves(tree: object) -> Iterator[Vector]:

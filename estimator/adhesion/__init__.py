@@ -2,6 +2,8 @@
 
 from estimator.adhesion.bank import AdhesionBank
 from estimator.adhesion.curves import REGIONS
+from estimator.adhesion.fuzzy import FuzzyIdentifier, Verdict
+from estimator.adhesion.fuzzy_rules import fuzzy_system
 from estimator.adhesion.hypotheses import Hypothesis
 from estimator.adhesion.online import new_judgement
 from estimator.adhesion.result import AdhesionIdentification
@@ -10,6 +12,9 @@ __all__ = [
     "REGIONS",
     "AdhesionBank",
     "AdhesionIdentification",
+    "FuzzyIdentifier",
     "Hypothesis",
+    "Verdict",
+    "fuzzy_system",
     "new_judgement",
 ]

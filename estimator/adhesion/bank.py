@@ -15,6 +15,7 @@ from estimator.adhesion.creep_law import creep_scale, patch_row, rail_row
 from estimator.adhesion.curves import REGIONS, curves_of
 from estimator.adhesion.ekf import Noise, Track
 from estimator.adhesion.evidence import Belief, Judgement, Rules
+from estimator.adhesion.fuzzy import FuzzyIdentifier
 from estimator.adhesion.hypotheses import Hypothesis, with_torque, without_torque
 from estimator.adhesion.motion import Vehicle
 from estimator.adhesion.online import bank_step, judge_blocks, new_judgement, new_work, rate_of
@@ -28,6 +29,7 @@ from fmu_wheelset.parameters import CONDITIONS, WheelsetParameters
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from estimator.adhesion.fuzzy import Verdict
     from estimator.log import Log
     from estimator.track_spectrum import TrackSpectrum
     from fmu_wheelset.parameters import RailCondition
@@ -131,13 +133,15 @@ class AdhesionBank:
                 f"that is one block of {self.block * self.h:g} s"
             )
         hypotheses = self.hypotheses(torque_known=log.traction_torque is not None)
-        said = self.look_at(log, hypotheses, workers=workers)[1]
-        return self._result(log, said, hypotheses, max(round(every / (self.block * self.h)), 1))
+        told, said = self.look_at(log, hypotheses, workers=workers)
+        speed = log.speed[self.block - 1 :: self.block]
+        verdict = FuzzyIdentifier(self, hypotheses).run(told, speed, said)
+        return self._result(log, said, verdict, hypotheses, max(round(every / (self.block * self.h)), 1))
 
     def look_at(
         self, log: Log, hypotheses: Sequence[Hypothesis], *, workers: int | None = None
     ) -> tuple[Array, Judgement]:
-        """Return what the filters tell of each block of a log, (blocks, n, 13), see `block.py`, and what follows."""
+        """Return what the filters tell of each block of a log, (blocks, n, 13), and what follows from it."""
         n, design, rules = len(hypotheses), self.design(hypotheses), self.rules(hypotheses)
         rows = len(log) // self.block
         torque = np.full(len(log), np.nan) if log.traction_torque is None else log.traction_torque
@@ -176,6 +180,11 @@ class AdhesionBank:
     def state(self) -> tuple[Memory, Belief]:
         """What `step` keeps besides `samples`: nested tuples of arrays, to be copied or written into."""
         return self._memory, self._belief
+
+    @property
+    def told(self) -> Array:
+        """What the filters told of the last block that `step` has ended, (n, 13); see `block.py`."""
+        return self._work.told
 
     @property
     def samples(self) -> int:
@@ -270,8 +279,7 @@ class AdhesionBank:
             curves=self._curves,
             prior=prior,
             change=-math.expm1(-block / self.dwell),
-            temper=0.5,
-            clip=5.0,
+            clip=10.0,
             none=2.0,
             window=0 if self.window is None else max(round(self.window / block), 1),
             condition=np.array([names.index(h.condition) for h in hypotheses], dtype=np.int64),
@@ -281,8 +289,8 @@ class AdhesionBank:
             doubt=0.1,
             width=math.log(1.6),
             memory=block / 2.0,
-            s_weight=0.0 if self.friction == 0.0 else self.friction**-2,
-            renewal=round(_RENEWAL / block),
+            # Evidence of one window has no memory: nothing is hopeless.
+            renewal=round(_RENEWAL / block) if self.window is None else 0,
         )
 
     def new_belief(self, rules: Rules) -> Belief:
@@ -297,7 +305,7 @@ class AdhesionBank:
         )
 
     def _result(
-        self, log: Log, said: Judgement, hypotheses: Sequence[Hypothesis], stride: int
+        self, log: Log, said: Judgement, verdict: Verdict, hypotheses: Sequence[Hypothesis], stride: int
     ) -> AdhesionIdentification:
         """Return every `stride`-th row."""
         take = slice(stride - 1, None, stride)
@@ -313,6 +321,7 @@ class AdhesionBank:
             mu_max_low=lower,
             mu_max_high=upper,
             identifiable=said.identifiable[take],
+            fuzzy=verdict.at(take),
             regions=REGIONS,
             conditions=tuple(self.conditions),
             hypotheses=tuple(h.name for h in hypotheses),

@@ -39,8 +39,8 @@ Indices = NDArray[np.int64]
 #: the torque; then creep, its variance, friction's logarithm, its variance, whether it was lost.
 CREEP, VAR_CREEP, FRICTION, VAR_FRICTION, LOST = range(8, 13)
 N_TOLD = 13
-#: Blocks from the start of a filter until its friction may move. What a wheelset does in its first tenths of a
-#: second, before it runs as it would by itself, looks like little friction, and is believed at once.
+#: Blocks from the start of a filter until its friction may move. What a wheelset does in its first tenths
+#: of a second, before it runs as it would by itself, looks like little friction, and is believed at once.
 _SETTLING = 20
 #: Blocks without data after which a filter starts again: its linear covariance no longer means anything.
 _SILENCE = 20
@@ -182,9 +182,7 @@ def run_filter(  # pragma: no cover - compiled
     v: Array, v_dot: Array, torque: Array, z: Array, usable: Flags, work: Array, rows: Array,
     since: int, until: int,
 ) -> None:  # fmt: skip
-    """Run filter `i` over the blocks from `since` to before `until` of the samples z (T, 2); writes rows
-    (T // block, n, 13).
-    """
+    """Run filter `i` over blocks `since` to before `until` of the samples z (T, 2); see rows (blocks, n, 13)."""
     for k in range(since * design.block, until * design.block):
         take_sample(design, memory, i, k == 0, v[k], v_dot[k], torque[k], z[k], usable[k], work)
         if (k + 1) % design.block == 0:

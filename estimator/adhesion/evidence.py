@@ -25,20 +25,19 @@ Indices = NDArray[np.int64]
 class Rules(NamedTuple):
     """How evidence is weighed; n hypotheses, c conditions, "none of these" comes last.
 
-    `prior` (n + 1,). `change` probability that a block begins with another hypothesis. `temper` multiplies
-    log-likelihoods. `clip` greatest log-likelihood ratio that one block may add. `none` variance of the
-    innovations over what the filters expect, if none of them is right. `window` blocks of the moving
-    window, 0 for recursive evidence. `condition` (n,) condition of each hypothesis. `curve` (n, 2).
-    `load` normal load times radius on both wheels, N m. `spread` standard deviation of the peak's logarithm
-    that the model leaves. `doubt` greatest bound on the error of the condition and `width` greatest
-    logarithm of upper over lower bound of the peak adhesion for which the result is trusted. `memory`
-    share of a block in the running sum of the information. `renewal` blocks from one renewal to the next, 0: none.
+    `prior` (n + 1,). `change` probability that a block begins with another hypothesis. `clip` greatest
+    log-likelihood ratio that one block may add. `none` variance of the innovations over what the filters
+    expect, if none of them is right. `window` blocks of the moving window, 0 for recursive evidence.
+    `condition` (n,) condition of each hypothesis. `curve` (n, 2). `load` normal load times radius on both
+    wheels, N m. `spread` standard deviation of the peak's logarithm that the model leaves. `doubt` greatest
+    bound on the error of the condition and `width` greatest logarithm of upper over lower bound of the peak
+    adhesion for which the result is trusted. `memory` share of a block in the running sum of the
+    information. `renewal` blocks from one renewal to the next, 0: none.
     """
 
     curves: Curves
     prior: Array
     change: float
-    temper: float
     clip: float
     none: float
     window: int
@@ -49,7 +48,6 @@ class Rules(NamedTuple):
     doubt: float
     width: float
     memory: float
-    s_weight: float
     renewal: int
 
 
@@ -85,7 +83,7 @@ def _normal(x: float) -> float:  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _likelihoods(rules: Rules, belief: Belief, told: Array, log_l: Array) -> None:  # pragma: no cover
-    """Write the tempered log-likelihoods of a block, less the greatest, (n + 1,)."""
+    """Write the log-likelihoods of a block, less the greatest, (n + 1,)."""
     n = told.shape[0]
     best = -math.inf
     for i in range(n):
@@ -99,9 +97,9 @@ def _likelihoods(rules: Rules, belief: Belief, told: Array, log_l: Array) -> Non
         share = belief.p[i] / known if known > 0.0 else 1.0 / n
         mixed += share * math.exp(min(max(told[i, LOG_L] - best + wider, -500.0), 500.0))
     for i in range(n):
-        log_l[i] = rules.temper * max(told[i, LOG_L] - best, -rules.clip)
+        log_l[i] = max(told[i, LOG_L] - best, -rules.clip)
     other = math.log(mixed) if mixed > 0.0 else -rules.clip
-    log_l[n] = rules.temper * min(max(other, -rules.clip), rules.clip)
+    log_l[n] = min(max(other, -rules.clip), rules.clip)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -132,24 +130,6 @@ def _update(rules: Rules, belief: Belief, k: int, log_l: Array) -> None:  # prag
         total += belief.p[i]
     for i in range(n):
         belief.p[i] /= total
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _outlook(rules: Rules, belief: Belief, told: Array, p: Array) -> None:  # pragma: no cover - compiled
-    """Write the probabilities (n,) of the hypotheses, weighed by how far their friction is from its prior.
-
-    A filter whose friction has gone to that of another condition explains the data as well as that one. It
-    has paid for it when it went there, but forgotten evidence is no longer paid for.
-    """
-    n, total = p.shape[0], 0.0
-    for i in range(n):
-        s = told[i, FRICTION]
-        p[i] = belief.p[i] * math.exp(-0.5 * s * s * rules.s_weight)
-        total += p[i]
-    # Where "none of these" is all but certain, what is left still says which of them it would be.
-    left = max(1.0 - belief.p[n], 1e-15)
-    for i in range(n):
-        p[i] = p[i] * left / total if total > 0.0 else left / n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -184,7 +164,7 @@ def _doubt(rules: Rules, belief: Belief, best: int) -> float:  # pragma: no cove
     for j in range(rules.condition.shape[0]):
         if rules.condition[j] != rules.condition[best]:
             information = min(belief.information[best, j], belief.information[j, best])
-            total += 0.5 * math.exp(-0.25 * rules.temper * information)
+            total += 0.5 * math.exp(-0.25 * information)
     return total
 
 
@@ -267,7 +247,10 @@ def judge(  # pragma: no cover - compiled
     _update(rules, belief, k, log_l)
     _learn(rules, belief, told)
     p = said.p_hypothesis[row]
-    _outlook(rules, belief, told, p)
+    # Where "none of these" is all but certain, what is left still says which of them it would be.
+    left, known = max(1.0 - belief.p[n], 1e-15), max(belief.p[:n].sum(), 1e-300)
+    for i in range(n):
+        p[i] = belief.p[i] * left / known
     best, known, used = 0, 0.0, 0.0
     said.p_condition[row, :] = 0.0
     for i in range(n):

@@ -1,11 +1,11 @@
 """Hypotheses without a chance begin again where the wheelset is.
 
-While the rail is dry, the filter for low rail bends its friction and its state until they explain dry rail as
-well as they can. Were the rail low all of a sudden, that filter would have to unlearn it first. So each second
-a hypothesis that has next to no probability, and has lost more of it, is put in the place that it would have
-if its rail began here: the wheelset is where the most probable filter sees it, and the friction is that of the
-condition. Until the next renewal it runs by itself and is judged by that: mixing states at each step, as an
-IMM does, would correct a wrong filter before it has shown where it drifts to.
+While the rail is dry, the filter for low rail bends its friction and its state until they explain dry rail
+as well as they can. Were the rail low all of a sudden, that filter would have to unlearn it first. So each
+second a hypothesis that has next to no probability, and has lost more of it, is put in the place that it
+would have if its rail began here: the wheelset is where the most probable filter sees it, and the friction
+is that of the condition. Until the next renewal it runs by itself and is judged by that: mixing states at
+each step, as an IMM does, would correct a wrong filter before it has shown where it drifts to.
 """
 
 from __future__ import annotations

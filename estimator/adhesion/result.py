@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from estimator.adhesion.fuzzy import Verdict
 
 __all__ = ["AdhesionIdentification"]
 
@@ -26,6 +30,7 @@ class AdhesionIdentification:
     mu_used : (n,) longitudinal force over the load of both wheels, negative when braking.
     mu_max : (n,) peak adhesion, median; mu_max_low, mu_max_high : its interval that holds 90 %.
     identifiable : (n,) whether the data can tell the condition and the peak adhesion.
+    fuzzy : what the fuzzy identifier says of the residuals, n rows.
     """
 
     time: Array
@@ -38,6 +43,7 @@ class AdhesionIdentification:
     mu_max_low: Array
     mu_max_high: Array
     identifiable: Flags
+    fuzzy: Verdict
     regions: tuple[str, ...]
     conditions: tuple[str, ...]
     hypotheses: tuple[str, ...]

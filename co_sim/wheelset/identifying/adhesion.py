@@ -72,17 +72,19 @@ def run_adhesion_bank(log: Log, settings: Settings) -> Answer:
     return replace(
         answer,
         identifiable=answer.identifiable & moving[answer.samples],
+        fuzzy=answer.fuzzy and answer.fuzzy.only(moving[answer.samples]),
         notes=tuple(_notes(log, moving)),
     )
 
 
 def answer_of(said: AdhesionIdentification, log: Log) -> Answer:
     """Return what the adhesion bank said about a log, in the form that all banks have in common."""
+    regions = [said.regions.index(name) for name in REGIONS]
     return Answer(
         bank="adhesion",
         time=said.time,
         samples=np.floor((said.time - log.time[0]) / log.h + _ROUNDING).astype(np.int64),
-        p_region=said.p_region[:, [said.regions.index(name) for name in REGIONS]],
+        p_region=said.p_region[:, regions],
         p_condition=said.p_condition,
         p_none=said.p_none,
         mu_used=said.mu_used,
@@ -90,6 +92,7 @@ def answer_of(said: AdhesionIdentification, log: Log) -> Answer:
         mu_max_low=said.mu_max_low,
         mu_max_high=said.mu_max_high,
         identifiable=said.identifiable,
+        fuzzy=said.fuzzy._replace(region=said.fuzzy.region[:, regions]),
     )
 
 

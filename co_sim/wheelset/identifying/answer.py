@@ -10,6 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from estimator.adhesion import Verdict
     from estimator.log import Log
 
     Array = NDArray[np.float64]
@@ -36,6 +37,8 @@ class Answer:
     mu_used, mu_max, mu_max_low, mu_max_high : (n,) adhesion used and available with the interval of the
         latter, NaN where unknown; None: the bank says nothing about adhesion.
     identifiable : (n,) whether to trust the row.
+    fuzzy : what the fuzzy identifier makes of the same filters, n rows, regions and conditions in the order
+        of the probabilities; None: the bank has none beside its probabilities.
     notes : what a reader must know about these answers.
     """
 
@@ -50,6 +53,7 @@ class Answer:
     mu_max: Array | None = None
     mu_max_low: Array | None = None
     mu_max_high: Array | None = None
+    fuzzy: Verdict | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property

@@ -38,6 +38,7 @@ unit: speed [km/h].
 Writes to DIR:
   identification.csv   region, rail condition and adhesion with probabilities, one row every 10 ms
   advice.csv           what a driver or a traction controller should do
+  fuzzy.csv            the same by the fuzzy identifier on the residuals (adhesion bank)
   summary.json         every number of the report, versions, settings, faults found
   report.html          one self-contained page with figures, which are in figures/ as well
 """

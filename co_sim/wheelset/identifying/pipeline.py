@@ -117,6 +117,7 @@ def write(done: Identified, folder: Path, stages: Stages) -> dict[str, Any]:
     from co_sim.wheelset.identifying.writing import (
         summarise,
         write_advice,
+        write_fuzzy,
         write_identification,
         write_summary,
     )
@@ -126,6 +127,7 @@ def write(done: Identified, folder: Path, stages: Stages) -> dict[str, Any]:
     with stages.stage("writing"):
         write_identification(done, folder / "identification.csv")
         write_advice(done, folder / "advice.csv")
+        write_fuzzy(done, folder / "fuzzy.csv")
     with stages.stage("figures"):
         drawings = draw(done, figures)
     summary = summarise(done)

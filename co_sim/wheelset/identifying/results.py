@@ -92,6 +92,19 @@ class Identified:
         return None if condition is None else shares(condition, CONDITION_NAMES, self.answer.identifiable)
 
     @property
+    def fuzzy_advice(self) -> Advice | None:
+        """What the fuzzy identifier advises; None if the bank has none."""
+        return None if self.answer.fuzzy is None else self.answer.fuzzy.advice
+
+    @property
+    def same_condition(self) -> float | None:
+        """How often the fuzzy identifier names the most probable condition, where it is clear."""
+        said, condition = self.answer.fuzzy, self.answer.condition
+        if said is None or condition is None or not said.clear.any():
+            return None
+        return float(np.mean((said.condition.argmax(axis=1) == condition)[said.clear]))
+
+    @property
     def identifiable_share(self) -> float:
         """Share of the rows whose answer is to be trusted."""
         return float(np.mean(self.answer.identifiable))

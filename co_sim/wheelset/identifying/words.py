@@ -50,6 +50,7 @@ def _answers(done: Identified) -> Iterator[str]:
         yield f"The rail was most probably {_most(done.condition_shares)}."
     yield from _adhesion(done)
     yield from _advice(done)
+    yield from _fuzzy(done)
 
 
 def _ran(shares: dict[str, float]) -> str:
@@ -91,6 +92,19 @@ def _advice(done: Identified) -> Iterator[str]:
     if shares:
         said = listed([f"{name} in {percent(share)}" for name, share in shares.items()])
         yield f"The advice, over all rows: {said}."
+
+
+def _fuzzy(done: Identified) -> Iterator[str]:
+    if done.answer.fuzzy is None:
+        return
+    share, same = float(np.mean(done.answer.fuzzy.clear)), done.same_condition
+    if same is None:
+        yield "The fuzzy identifier, from the residuals of the last second alone, is nowhere clear."
+        return
+    yield (
+        f"The fuzzy identifier, from the residuals of the last second alone, is clear in {percent(share)} of "
+        f"all rows, and names the most probable condition in {percent(same)} of those."
+    )
 
 
 def log_sentences(done: Identified) -> list[str]:

@@ -24,7 +24,14 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-__all__ = ["HEADINGS", "summarise", "write_advice", "write_identification", "write_summary"]
+__all__ = [
+    "HEADINGS",
+    "summarise",
+    "write_advice",
+    "write_fuzzy",
+    "write_identification",
+    "write_summary",
+]
 
 #: Columns of identification.csv.
 HEADINGS = (
@@ -72,6 +79,22 @@ def write_advice(done: Identified, path: Path) -> None:
     _write(path, ("time", "advice", "score"), columns)
 
 
+def write_fuzzy(done: Identified, path: Path) -> None:
+    """Write one line for each row of what the fuzzy identifier says; no file if the bank has none."""
+    said, advice = done.answer.fuzzy, done.fuzzy_advice
+    if said is None or advice is None:
+        path.unlink(missing_ok=True)  # of an earlier run with another bank
+        return
+    classes = {"region": (REGIONS, said.region), "condition": (CONDITION_NAMES, said.condition)}
+    headings, columns = ["time"], [_times(done.clock.offset + done.answer.time)]
+    for what, (names, degrees) in classes.items():
+        headings += [what, *(f"d_{name}" for name in names)]
+        columns += [_named(degrees.argmax(axis=1), names), *map(_cells, degrees.T)]
+    headings += ["d_known", "clear", "advice", "score"]
+    columns += [_cells(said.known), _named(said.clear.astype(np.int64), ("false", "true"))]
+    _write(path, headings, [*columns, advice.words, _cells(advice.score)])
+
+
 def write_summary(summary: Mapping[str, Any], path: Path) -> None:
     """Write the summary as JSON, with null for what is no number."""
     with whole_file(path) as temporary:
@@ -115,6 +138,7 @@ def summarise(done: Identified) -> dict[str, Any]:
         "usable_share": dict(zip(("gyro", "accelerometer"), _usable(done), strict=True)),
         "faults": [asdict(fault) for fault in done.status.found()],
         "advice_shares": done.advice.shares,
+        "fuzzy": _fuzzy(done),
         "seconds": dict(done.seconds),
     }
 
@@ -130,6 +154,17 @@ def _adhesion(done: Identified) -> dict[str, Any] | None:
     if any(column is None for column in columns.values()) or not where.any():
         return None
     return {f"{name}_median": _median(column[where]) for name, column in columns.items()}
+
+
+def _fuzzy(done: Identified) -> dict[str, Any] | None:
+    """Return how often the fuzzy identifier is clear, and says there what the probabilities say."""
+    if done.answer.fuzzy is None or done.fuzzy_advice is None:
+        return None
+    return {
+        "clear_share": float(np.mean(done.answer.fuzzy.clear)),
+        "same_condition_share": done.same_condition,
+        "advice_shares": done.fuzzy_advice.shares,
+    }
 
 
 def _median(values: Array) -> float | None:

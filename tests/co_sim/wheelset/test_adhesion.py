@@ -64,6 +64,25 @@ def test_component_is_the_bank(recording, alone):
     for name in ("mu_used", "mu_max", "mu_max_low", "mu_max_high"):
         assert np.allclose(recorder[f"adhesion.{name}"][rows], getattr(alone, name)[:150], rtol=1e-9)
     assert np.array_equal(recorder["adhesion.identifiable"][rows] == 1.0, alone.identifiable[:150])
+    fuzzy = alone.fuzzy
+    for what, names in (("region", alone.regions), ("condition", alone.conditions)):
+        for i, name in enumerate(names):
+            assert np.array_equal(
+                recorder[f"adhesion.fuzzy_{what}.{name}"][rows], getattr(fuzzy, what)[:150, i]
+            )
+    assert np.array_equal(recorder["adhesion.fuzzy_known"][rows], fuzzy.known[:150])
+    advised = np.isfinite(fuzzy.score[:150])
+    assert np.array_equal(recorder["adhesion.advised"][rows] == 1.0, advised)
+    assert np.array_equal(recorder["adhesion.advice"][rows], np.where(advised, fuzzy.score[:150], 0.0))
+
+
+def test_the_fuzzy_identifier_finds_the_rail_and_advises(alone):
+    """Wet rail at a seventh of its peak, after the second that its window holds."""
+    fuzzy = alone.fuzzy.at(slice(100, 150))
+    assert alone.conditions[fuzzy.condition.mean(axis=0).argmax()] == "wet"
+    assert alone.regions[fuzzy.region.mean(axis=0).argmax()] == "linear"
+    assert fuzzy.known.min() > 0.8
+    assert set(fuzzy.advice.words) <= {"more torque possible", "no statement"}
 
 
 def test_a_resumed_run_is_the_unbroken_one(recording, tmp_path):

@@ -11,6 +11,7 @@ import pytest
 
 from estimator import SensorNoise
 from estimator.adhesion import AdhesionBank, AdhesionIdentification, Hypothesis, new_judgement
+from estimator.adhesion.online import judge_blocks, new_work
 from estimator.log import Log
 from fmu_wheelset.parameters import CONDITIONS
 
@@ -114,9 +115,13 @@ def test_windowed_evidence_forgets(log: Log) -> None:
     # The same second of data after other data: the filters remember a little, the evidence nothing.
     bank = AdhesionBank(window=0.5)
     hypotheses = bank.hypotheses()
-    told = bank.filter_blocks(log, hypotheses)
-    whole = bank.judge_blocks(told, log, hypotheses)
-    late = bank.judge_blocks(told[100:].copy(), log, hypotheses)
+    told, whole = bank.look_at(log, hypotheses)
+    rows, rules = len(told) - 100, bank.rules(hypotheses)
+    late = new_judgement(rows, len(hypotheses), len(bank.conditions))
+    judge_blocks(
+        rules, bank.new_belief(rules), told[100:].copy(), np.full(rows, log.speed[0]),
+        new_work(len(hypotheses)), late, 0, rows,
+    )  # fmt: skip
     assert late.p_hypothesis[60:] == pytest.approx(whole.p_hypothesis[160:], rel=1e-3, abs=1e-6)
 
 

@@ -101,6 +101,30 @@ def test_faults_stand_in_the_rows_where_they_are(paper: Path) -> None:
     assert list(rows.values()).count("ok") == 400 - 2 - 29
 
 
+def test_the_fuzzy_identifier_has_a_row_for_each_row(adhesion: Path) -> None:
+    with (adhesion / "fuzzy.csv").open(encoding="utf-8", newline="") as file:
+        fuzzy = list(csv.DictReader(file))
+    rows = rows_of(adhesion)
+    assert list(fuzzy[0]) == [
+        "time", "region", "d_linear", "d_peak", "d_unstable",
+        "condition", "d_dry", "d_wet", "d_low", "d_very_low", "d_known", "clear", "advice", "score",
+    ]  # fmt: skip
+    for said, row in zip(fuzzy, rows, strict=True):
+        assert said["time"] == row["time"]
+        assert (said["advice"] == "no statement") == (said["score"] == "")
+        assert said["score"] == "" or (said["clear"] == "true" and row["identifiable"] == "true")
+        for what, names in (("region", HEADINGS[2:5]), ("condition", HEADINGS[6:10])):
+            degrees = {name[2:]: float(said[f"d_{name[2:]}"]) for name in names}
+            assert all(0.1 - 1e-3 <= degree <= 0.9 + 1e-3 for degree in degrees.values())
+            assert degrees[said[what]] == max(degrees.values())
+    summary = summary_of(adhesion)["fuzzy"]
+    clear = [(said, row) for said, row in zip(fuzzy, rows, strict=True) if said["clear"] == "true"]
+    assert summary["clear_share"] == pytest.approx(len(clear) / len(rows))
+    same = [said["condition"] == row["condition"] for said, row in clear]
+    assert summary["same_condition_share"] == pytest.approx(np.mean(same))
+    assert "The fuzzy identifier" in (adhesion / "report.html").read_text(encoding="utf-8")
+
+
 def test_summary(paper: Path) -> None:
     summary = summary_of(paper)
     assert summary["bank"]["name"] == "paper"
@@ -109,7 +133,7 @@ def test_summary(paper: Path) -> None:
     assert summary["log"]["ignored_columns"] == ["note"]
     assert summary["log"]["rate_hz"] == pytest.approx(1000.0)
     assert summary["log"]["traction_torque"]["max"] == pytest.approx(2000.0)
-    assert summary["condition_shares"] is summary["adhesion"] is None
+    assert summary["condition_shares"] is summary["adhesion"] is summary["fuzzy"] is None
     assert sum(summary["region_shares"].values()) == pytest.approx(1.0)
     found = {(f["source"], f["fault"]): f["samples"] for f in summary["faults"]}
     assert found.keys() == {("gyro", "stuck"), ("accelerometer", "outlier")}
