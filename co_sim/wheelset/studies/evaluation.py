@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 from co_sim.wheelset.identifying.adhesion import answer_of
 from co_sim.wheelset.identifying.answer import Answer
 from co_sim.wheelset.identifying.paper import PaperBank
-from co_sim.wheelset.identifying.vehicle import Vehicle
 from co_sim.wheelset.recordings import record
 from co_sim.wheelset.studies.scoring import score
 from co_sim.wheelset.studies.trial import NOISE
+from co_sim.wheelset.vehicle_file import Vehicle
 from estimator import ERRI_B176
 from estimator.log import Log
 
