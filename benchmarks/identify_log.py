@@ -23,8 +23,8 @@ from co_sim.wheelset.identifying.log_csv import write_log
 from co_sim.wheelset.identifying.log_file import read_columns
 from co_sim.wheelset.identifying.pipeline import Stages, identify, write
 from co_sim.wheelset.identifying.results import Settings
-from co_sim.wheelset.identifying.vehicle import Vehicle
 from co_sim.wheelset.recordings import Journey, record
+from co_sim.wheelset.vehicle_file import Vehicle
 from estimator import (
     CreepCurve,
     FilterBank,

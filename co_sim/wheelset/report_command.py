@@ -130,7 +130,7 @@ def _checked(given: _Options) -> tuple[Setup, Grid]:
     """Return what was typed as objects, or raise all faults at once."""
     from co_sim.wheelset.reporting.grid import Grid, parse_conditions, parse_points, parse_speeds
     from co_sim.wheelset.reporting.setup import Setup, parse_noise, parse_sensors
-    from co_sim.wheelset.scenario_file import load_wheelset
+    from co_sim.wheelset.vehicle_file import read_wheelset
 
     faults: list[Fault] = []
 
@@ -147,7 +147,7 @@ def _checked(given: _Options) -> tuple[Setup, Grid]:
         "points": taken(parse_points, given.points),
     }
     assumed = {
-        "wheelset": taken(load_wheelset, given.parameters),
+        "wheelset": taken(read_wheelset, given.parameters),
         "sensors": taken(parse_sensors, given.sensors),
         "noise": taken(parse_noise, given.noise),
         "sample_rate": given.sample_rate,

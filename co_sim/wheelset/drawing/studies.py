@@ -26,10 +26,11 @@ _SHADE = {
     "adhesion": COLOURS[0],
     "window": COLOURS[5],
     "known": COLOURS[2],
+    "exact": COLOURS[3],
     "paper": COLOURS[1],
     "matched": "0.25",
 }
-_MARK = {"adhesion": "o", "window": "^", "known": "v", "paper": "s", "matched": "D"}
+_MARK = {"adhesion": "o", "window": "^", "known": "v", "exact": "P", "paper": "s", "matched": "D"}
 
 
 def _bars(ax: Axes, x: Array, shares: Sequence[Share], bank: str, *, line: bool) -> None:

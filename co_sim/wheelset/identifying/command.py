@@ -113,8 +113,8 @@ def identify(
     from co_sim.wheelset.identifying.example import EXAMPLE, write_example
     from co_sim.wheelset.identifying.progress import Shown
     from co_sim.wheelset.identifying.results import Settings
-    from co_sim.wheelset.identifying.vehicle import Vehicle, read_vehicle
     from co_sim.wheelset.output import check_folder
+    from co_sim.wheelset.vehicle_file import Vehicle, read_vehicle
 
     out = out or Path("results") / ("identify-example" if str(log) == EXAMPLE else log.stem)
     settings = Settings(

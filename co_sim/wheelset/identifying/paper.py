@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from co_sim.wheelset.experiment import Laboratory
-    from co_sim.wheelset.identifying.vehicle import Vehicle
     from co_sim.wheelset.results import FilterDesign
+    from co_sim.wheelset.vehicle_file import Vehicle
     from estimator.log import Log
 
 __all__ = ["PaperBank"]

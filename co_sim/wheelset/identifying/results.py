@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from co_sim.wheelset.identifying.answer import Answer
     from co_sim.wheelset.identifying.grid import Clock
     from co_sim.wheelset.identifying.status import SensorStatus
-    from co_sim.wheelset.identifying.vehicle import Vehicle
+    from co_sim.wheelset.vehicle_file import Vehicle
     from estimator.advice import Advice
     from estimator.log import Log
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from co_sim.wheelset.identifying.adhesion import answer_of
 from co_sim.wheelset.identifying.answer import Answer
 from co_sim.wheelset.identifying.paper import PaperBank
-from co_sim.wheelset.identifying.vehicle import Vehicle
 from co_sim.wheelset.recordings import record
 from co_sim.wheelset.studies.scoring import score
-from co_sim.wheelset.studies.trial import NOISE
+from co_sim.wheelset.studies.trial import NOISE, POINTS
+from co_sim.wheelset.vehicle_file import Vehicle
 from estimator import ERRI_B176
 from estimator.log import Log
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from co_sim.wheelset.results import FilterDesign
     from co_sim.wheelset.studies.study import Study
     from co_sim.wheelset.studies.trial import Trial
+    from estimator import RegionBank
 
 __all__ = ["evaluate", "function_of"]
 
@@ -111,18 +114,38 @@ def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
 
 def _known(recording: Recording, trial: Trial, window: float) -> Answer:
     """Return the region on the curve of a rail that is known, by linear filters at creepages along it."""
-    import numpy as np
-
-    from estimator import CreepCurve, SensorNoise
-    from estimator.region import RegionBank
+    from estimator import CreepCurve, RegionBank, SensorNoise
     from fmu_wheelset import CONDITIONS, WheelsetParameters
 
     log = _log(recording, trial.speed_error)
     curve = CreepCurve(CONDITIONS[trial.condition], trial.speed)
     noise, track = SensorNoise(*_noise(trial)), ERRI_B176[_track(trial)]
-    said = RegionBank(curve, WheelsetParameters(), noise, track, log.h, window=window).run(log)
+    bank = RegionBank(curve, WheelsetParameters(), noise, track, log.h, window=window)
+    return _of_regions("known", bank, log)
+
+
+def _exact(recording: Recording, trial: Trial, window: float) -> Answer:
+    """Return the region as one can tell it who knows the plant, and that the creep is one of four."""
+    from estimator import RegionBank, SensorNoise
+
+    log = _log(recording, biases=(trial.gyro_bias, trial.accelerometer_bias))
+    bank = RegionBank(
+        trial.curve,
+        trial.wheelset,
+        SensorNoise(trial.noise * NOISE[0], trial.noise * NOISE[1]),
+        ERRI_B176[trial.track],
+        log.h,
+        window=window,
+        hypotheses=[POINTS[name] for name in ("P1", "knee", "P2", "beyond")],
+    )
+    return _of_regions("exact", bank, log)
+
+
+def _of_regions(name: str, bank: RegionBank, log: Log) -> Answer:
+    """Return what a bank of linear filters says of a log; it is trusted where it is sure."""
+    said = bank.run(log)
     return Answer(
-        bank="known",
+        bank=name,
         time=said.time,
         samples=np.rint((said.time - log.time[0]) / log.h).astype(np.int64),
         p_region=said.p_region,
@@ -141,8 +164,6 @@ def _paper(recording: Recording, trial: Trial, window: float) -> Answer:
 def _paper_filters(
     speed: float, noise: tuple[float, float], track: str, h: float
 ) -> tuple[FilterDesign, ...]:
-    import numpy as np
-
     still = np.zeros(3)
     log = Log(
         time=np.array([0.0, h, 2.0 * h]), yaw_rate=still, lateral_acceleration=still, speed=np.full(3, speed)
@@ -156,4 +177,5 @@ _LOOK: dict[str, Callable[[Recording, Trial, float], Answer]] = {
     "paper": _paper,
     "matched": _matched,
     "known": _known,
+    "exact": _exact,
 }

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from co_sim.campaign.results import rows, write_parquet
 from co_sim.wheelset.prose.words import listed, quantity
+from co_sim.wheelset.studies.scoring import settled_at
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -82,7 +83,7 @@ def _about(study: Study, computed: int) -> list[tuple[str, str]]:
     about += [
         ("Fixed", "; ".join(fixed) + "." if fixed else "all defaults, see wheelset campaign --fields."),
         ("Plant", "The wheelset FMU, torque driven with axle torsion unless the creep is imposed."),
-        ("Windows", f"Of {quantity(study.window, 's')}, one after the other, from 1 s on."),
+        ("Windows", _windows(study)),
         ("Banks", _banks(study)),
     ]
     return about
@@ -96,10 +97,17 @@ def _distribution(draw: Any) -> str:
     return f"one of {listed([str(value) for value in draw.choice])}"
 
 
+def _windows(study: Study) -> str:
+    since = quantity(settled_at(study.trial(next(study.cases()))), "s")
+    return f"Of {quantity(study.window, 's')}, one after the other, from {since} on."
+
+
 _MEANING = {
     "adhesion": "adhesion: extended Kalman filters with the nominal parameters, evidence that fades",
     "window": "window: the same with the evidence of one window",
     "known": "known: linear filters along the curve of the rail, which they know",
+    "exact": "exact: as known, with the parameters, noise and track of the plant, and with the creepages of "
+    "P1, knee, P2 and beyond alone",
     "paper": "paper: the three filters of Hussain et al. on the dry curve",
     "matched": "matched: as window, with the parameters, noise and track of the plant",
 }

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-__all__ = ["OFFSET_LIMIT", "Alarms", "alarms_of", "score", "truth_of"]
+__all__ = ["OFFSET_LIMIT", "Alarms", "alarms_of", "score", "settled_at", "truth_of"]
 
 #: Offset from the track beyond which a wheelset without flanges is no wheelset any more, m.
 OFFSET_LIMIT = 8e-3
@@ -100,10 +100,15 @@ def score(
     return record
 
 
+def settled_at(trial: Trial) -> float:
+    """Return the time from which on windows count, s: an imposed creep is there from the start."""
+    return 0.0 if trial.manoeuvre == "prescribed" else _SETTLED
+
+
 def _ends(recording: Recording, trial: Trial, window: float) -> list[float]:
     valid = recording.time[recording.within(np.inf if trial.flanges else OFFSET_LIMIT)]
     last = float(valid[-1]) if valid.size else 0.0
-    pieces = [(_SETTLED, last)]
+    pieces = [(settled_at(trial), last)]
     if trial.manoeuvre == "drop":
         pieces = [(_SETTLED, min(trial.change, last)), (trial.change, last)]
     return [

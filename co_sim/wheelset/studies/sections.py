@@ -17,6 +17,7 @@ from co_sim.wheelset.studies.outcome_sections import (
     latency_section,
     losses_section,
 )
+from co_sim.wheelset.studies.place_section import place_section
 from co_sim.wheelset.studies.section_parts import draw, figure, share_cells, share_numbers, share_words
 
 if TYPE_CHECKING:
@@ -42,6 +43,8 @@ def sections_of(study: Study, findings: Findings) -> tuple[Section, ...]:
                 _confusion(findings, what, banks),
                 _calibration(findings, what, banks),
             ]
+            places = place_section(study, findings, banks) if what == "region" else None
+            made += [places] if places else []
     made += [
         s
         for s in (adhesion_section(findings), latency_section(findings), false_alarms_section(findings))
@@ -113,7 +116,8 @@ def _accuracy(study: Study, findings: Findings, what: str, banks: Sequence[str])
         axes={"bank": list(banks)},
         tables=(
             Table(f"Windows right by true {what}", tuple(columns), tuple(rows)),
-            *_crossed(study, findings, what, banks),
+            # Points say more than the regions that they are in, see `place_section`.
+            *(() if "point" in study.grid else _crossed(study, findings, what, banks)),
         ),
         figures=figures,
         summary=tuple(words[:2]),
@@ -130,8 +134,9 @@ def _grid_axes(study: Study, findings: Findings, what: str, banks: Sequence[str]
         shares = {
             bank: [findings.accuracy(bank, what, of_case == value) for value in values] for bank in banks
         }
+        shown = ["yes" if value else "no" for value in values] if values[0] in {True, False} else list(values)
         unit = _UNITS.get(name)
-        axes[f"{name}, {unit}" if unit and unit != "1" else name.replace("_", " ")] = (list(values), shares)
+        axes[f"{name}, {unit}" if unit and unit != "1" else name.replace("_", " ")] = (shown, shares)
     return axes
 
 
@@ -139,7 +144,7 @@ def _crossed(study: Study, findings: Findings, what: str, banks: Sequence[str]) 
     """Yield for each numeric quantity of the grid how often each class is right at each of its values."""
     true = findings.column(what)
     for name, values in study.grid.items():
-        if len(values) < 2 or not all(isinstance(value, int | float) for value in values):
+        if len(values) < 2 or not all(type(value) in {int, float} for value in values):
             continue
         of_case = findings.of_case(name)
         rows: list[tuple[Cell, ...]] = [

@@ -10,10 +10,10 @@ from pydantic_core import PydanticCustomError
 
 from co_sim.wheelset.recordings import Journey, Profile, Stretch
 from co_sim.wheelset.sensors import SensorSpec
-from estimator import ERRI_B176, CreepCurve
+from estimator import ERRI_B176, CreepCurve, RegionHypothesis
 from fmu_wheelset import CONDITIONS, WheelsetParameters
 
-__all__ = ["NOISE", "Trial"]
+__all__ = ["NOISE", "POINTS", "Trial"]
 
 Condition = Literal["dry", "wet", "low", "very_low"]
 Factor = Annotated[float, Field(gt=0.5, lt=2.0)]
@@ -21,6 +21,16 @@ Positive = Annotated[float, Field(gt=0.0)]
 
 #: Noise of each sample at a noise factor of 1: of the gyro, rad/s, and the accelerometer, m/s2.
 NOISE = (1e-3, 0.05)
+#: Creepages that can be imposed, and their regions: the four of the aim, then what is near the borders.
+POINTS = {
+    "P1": RegionHypothesis("P1", "linear", 1.0, 0.1),
+    "knee": RegionHypothesis("knee", "peak", 0.0),
+    "P2": RegionHypothesis("P2", "peak", 1.0),
+    "beyond": RegionHypothesis("beyond", "unstable", 1.0, 1.7),
+    "before_knee": RegionHypothesis("before_knee", "linear", 0.0, 0.75),
+    "before_peak": RegionHypothesis("before_peak", "peak", 1.0, 0.98),
+    "after_peak": RegionHypothesis("after_peak", "unstable", 1.0, 1.2),
+}
 #: Stiffness of a flange, where a case has flanges, N/m.
 _FLANGE = 1e7
 
@@ -37,8 +47,10 @@ class Trial(BaseModel):
     )
     condition: Condition = Field("dry", description="rail condition")
     before: Condition = Field("dry", description="rail condition before a drop")
-    point: Literal["P1", "knee", "P2", "beyond"] = Field(
-        "P1", description="creep where it is imposed: .1, the knee, 1 and 1.7 times that of the peak"
+    point: Literal["P1", "knee", "P2", "beyond", "before_knee", "before_peak", "after_peak"] = Field(
+        "P1",
+        description="creep where it is imposed: .1 times that of the peak, the knee, the peak, 1.7 times "
+        "that of the peak; .75 times that of the knee, .98 and 1.2 times that of the peak",
     )
     speed: Annotated[float, Field(ge=1.0, le=150.0)] = Field(20.0, description="forward speed, m/s")
     utilisation: Annotated[float, Field(gt=0.0, le=1.5)] = Field(
@@ -107,9 +119,7 @@ class Trial(BaseModel):
     @property
     def creep(self) -> float:
         """Longitudinal creepage that is imposed."""
-        curve = self.curve
-        factors = {"P1": 0.1, "P2": 1.0, "beyond": 1.7}
-        return curve.knee_creep if self.point == "knee" else factors[self.point] * curve.peak_creep
+        return POINTS[self.point].creep(self.curve)
 
     @property
     def torque(self) -> float:

@@ -52,7 +52,7 @@ def test_packaged_text_of_an_unknown_name_says_which_there_are() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("seeed = 1", ["x.toml: seeed: got an unknown key", "did you mean seed?"]),
+        ("seeed = 1", ["x.toml: seeed: got an unknown key", 'did you mean "seed"?']),
         ("seed = -1", ["seed: got -1", "greater than or equal to 0"]),
         ('seed = "1"', ["seed: got '1'", "integer"]),
         ("[wheelset]\nm_w = -3", ["wheelset.m_w: got -3", "greater than 0", "mass of the wheelset, kg"]),

@@ -7,13 +7,15 @@ import pytest
 
 from co_sim.campaign import Case
 from co_sim.errors import InputError
-from co_sim.wheelset.identifying.answer import Answer
+from co_sim.wheelset.identifying.answer import REGIONS, Answer
 from co_sim.wheelset.recordings import record
+from co_sim.wheelset.studies.evaluation import evaluate
 from co_sim.wheelset.studies.findings import Findings
 from co_sim.wheelset.studies.output import report_on
+from co_sim.wheelset.studies.place_section import place_section
 from co_sim.wheelset.studies.scoring import alarms_of, score
 from co_sim.wheelset.studies.study import load_study, packaged_studies, parse
-from co_sim.wheelset.studies.trial import Trial
+from co_sim.wheelset.studies.trial import POINTS, Trial
 
 
 @pytest.mark.parametrize("name", packaged_studies())
@@ -32,7 +34,8 @@ def test_packaged_studies_are_sound(name):
         ('[grid]\ncondition = ["dry", "icy"]', "icy"),
         ("[fixed]\nspeed = 0.0", "greater than or equal to 1"),
         ("[fixed]\nmass = 3.0", "less than 2"),
-        ("colour = 1", "unknown name"),
+        ("colour = 1", "unknown key"),
+        ("[draw.speed]\nuniforn = [20.0, 30.0]", 'one of uniform, normal, choice; did you mean "uniform"'),
         ('[fixed]\nmanoeuvre = "drop"\nduration = 3.0', "lengthen"),
         ("[grid]\nspeed = [20.0, 20.0]", "distinct"),
     ],
@@ -62,6 +65,60 @@ def test_points_are_where_they_say():
     curve = Trial().curve
     assert creeps == pytest.approx([0.1 * creeps[2], curve.knee_creep, curve.peak_creep, 1.7 * creeps[2]])
     assert float(curve.tangent(curve.knee_creep)) == pytest.approx(0.15 * curve.initial_slope, rel=1e-6)
+
+
+def test_points_are_in_their_regions():
+    for name, point in POINTS.items():
+        trial = Trial(manoeuvre="prescribed", point=name)
+        curve = trial.curve
+        expected = 0 if trial.creep < 0.999 * curve.knee_creep else 1
+        expected += trial.creep > 1.001 * curve.peak_creep
+        assert REGIONS[expected] == point.region
+
+
+@pytest.mark.parametrize(("point", "region"), [("P1", 0), ("beyond", 2)])
+def test_linear_filters_find_the_region_of_an_imposed_creep(point, region):
+    # Flanges, for without them it is less than 8 mm off the track for too short a time.
+    trial = {"manoeuvre": "prescribed", "point": point, "speed": 20.0, "duration": 3.0, "flanges": True}
+    windows = evaluate(Case(number=0, values=trial, seed=1003), ("known", "exact"), 1.0)["windows"]
+    # An imposed creep is there from the start, so that the first window counts.
+    assert windows["time"][0] == pytest.approx(1.0)
+    assert windows["region"] == windows["known.region"] == windows["exact.region"]
+    assert set(windows["region"]) == {region}
+
+
+def places_of(said):
+    """The section on a study at two points and two speeds, without and with flanges."""
+    study = parse(
+        'banks = ["known"]\n[grid]\npoint = ["P1", "beyond"]\nspeed = [20.0, 60.0]\nflanges = [false, true]\n'
+        '[fixed]\nmanoeuvre = "prescribed"\n',
+        "t.toml",
+    )
+    cases = [row(case, {}) for case in study.cases()]
+    windows = [
+        {"case": case["case"], "region": 2 * (case["point"] == "beyond"), "known.region": said(case)}
+        for case in cases
+        if not (case["point"] == "beyond" and case["speed"] == 60.0 and not case["flanges"])
+    ]
+    return place_section(study, Findings(cases, windows, study.banks), study.banks)
+
+
+def test_places_tell_each_point_speed_and_flanges():
+    # Right, but for an unstable wheelset at 20 m/s, which is called linear.
+    section = places_of(lambda case: 2 if case["point"] == "beyond" and case["speed"] == 60.0 else 0)
+    assert section.numbers["unstable_windows"].value == 3
+    assert section.numbers["unstable_called_linear"].value == [2]
+    right = section.numbers["right"].value
+    assert right[0, 0].tolist() == [[1.0, 1.0], [1.0, 1.0]]
+    assert right[0, 1, 0].tolist() == [0.0, 0.0]
+    assert np.isnan(right[0, 1, 1, 0])
+    assert right[0, 1, 1, 1] == 1.0
+    without, flanged = section.tables
+    assert without.rows[1] == ("beyond", "known", "0\u00a0% (1)", None)
+    assert flanged.rows[1] == ("beyond", "known", "0\u00a0% (1)", "100\u00a0% (1)")
+    assert section.summary == (
+        "Of 3 windows of an unstable wheelset, these are called linear: 2 by the known bank.",
+    )
 
 
 @pytest.fixture(scope="module")

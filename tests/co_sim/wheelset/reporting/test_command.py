@@ -136,8 +136,17 @@ def test_parameters_of_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     file.write_text("m_w = -1.0\nmass = 3.0\n[patch]\nC11 = 4.0\n", encoding="utf-8")
     assert call("report", "--parameters", file, "--out", tmp_path / "out") == 2
     told = capsys.readouterr().err
-    assert "m_w" in told
-    assert "mass" in told
+    assert "mine.toml: m_w: got -1.0" in told
+    assert "mine.toml: mass: got an unknown key" in told
+
+
+def test_rail_conditions_of_a_vehicle_are_refused_not_ignored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("[conditions.wet]\nmu_0 = 0.3\n", encoding="utf-8")
+    assert call("report", "--parameters", file, "--out", tmp_path / "out") == 2
+    assert "mine.toml: conditions: got rail conditions" in capsys.readouterr().err
 
 
 def wrong(point, wheelset):

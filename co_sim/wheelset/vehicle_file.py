@@ -6,14 +6,15 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from co_sim.errors import Fault, InputError, suggestion
-from co_sim.wheelset.scenario_file import read_text, tables_of, validated
+from co_sim.wheelset.scenario import Scenario
+from co_sim.wheelset.table_files import read_text, tables_of, validated
 from fmu_wheelset import CONDITIONS, RailCondition, WheelsetParameters
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-__all__ = ["Vehicle", "read_vehicle"]
+__all__ = ["Vehicle", "read_vehicle", "read_wheelset"]
 
 
 @dataclass(frozen=True)
@@ -39,14 +40,42 @@ def read_vehicle(path: Path) -> Vehicle:
     InputError
         If the file cannot be read, a name is unknown or a value out of bounds; all faults are told.
     """
-    wheelset = tables_of(read_text(path, "a TOML file"), path.name)
+    wheelset = _tables(path)
     conditions = _completed(path.name, wheelset.pop("conditions", {}))
+    scenario = _scenario(path.name, wheelset, conditions)
+    return Vehicle(scenario.parameters, {name: scenario.condition(name) for name in CONDITIONS})
+
+
+def read_wheelset(path: Path) -> WheelsetParameters:
+    """Read the file of a vehicle where the rails are told otherwise: it has no ``conditions``.
+
+    Raises
+    ------
+    InputError
+        As `read_vehicle` does, and if the file has conditions.
+    """
+    wheelset = _tables(path)
+    if "conditions" in wheelset:
+        raise InputError(
+            f"{path.name}: conditions",
+            got="rail conditions",
+            expected="parameters of the wheelset alone",
+            remedy="leave them out",
+        )
+    return _scenario(path.name, wheelset, {}).parameters
+
+
+def _tables(path: Path) -> dict[str, Any]:
+    return tables_of(read_text(path, "a TOML file of parameters"), path.name)
+
+
+def _scenario(file: str, wheelset: dict[str, Any], conditions: dict[str, Any]) -> Scenario:
+    """Return the scenario of a wheelset and rail conditions, whose faults are those of the file."""
     try:
-        scenario = validated({"wheelset": wheelset, "conditions": conditions}, path.name)
+        return validated(Scenario, {"wheelset": wheelset, "conditions": conditions}, file)
     except InputError as error:
         shown = [replace(f, what=f.what.replace(": wheelset.", ": ", 1)) for f in error.faults]
         raise InputError.from_faults(shown) from None
-    return Vehicle(scenario.parameters, {name: scenario.condition(name) for name in CONDITIONS})
 
 
 def _completed(file: str, given: Any) -> dict[str, Any]:
