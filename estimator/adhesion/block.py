@@ -182,7 +182,7 @@ def run_filter(  # pragma: no cover - compiled
     v: Array, v_dot: Array, torque: Array, z: Array, usable: Flags, work: Array, rows: Array,
     since: int, until: int,
 ) -> None:  # fmt: skip
-    """Run filter `i` over blocks `since` to before `until` of the samples z (T, 2); see rows (blocks, n, 13)."""
+    """Run filter `i` over blocks `since` to before `until` of z (T, 2); writes rows (blocks, n, 13)."""
     for k in range(since * design.block, until * design.block):
         take_sample(design, memory, i, k == 0, v[k], v_dot[k], torque[k], z[k], usable[k], work)
         if (k + 1) % design.block == 0:

@@ -79,7 +79,9 @@ def blocks(hypotheses: list[Hypothesis], z: Array) -> tuple[Array, Memory]:
     rows, still = np.empty((len(z) // 10, len(hypotheses), N_TOLD)), np.zeros(len(z))
     usable, work = np.ones(z.shape, dtype=np.bool_), np.zeros((5, 4, 12))
     for i in range(len(hypotheses)):
-        run_filter(design, memory, i, still + V, still, still + TORQUE, z, usable, work, rows)
+        run_filter(
+            design, memory, i, still + V, still, still + TORQUE, z, usable, work, rows, 0, len(rows)
+        )  # fmt: skip
     return rows, memory
 
 

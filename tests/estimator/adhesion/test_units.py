@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 #: Exponents of mass, length and time in everything that has a unit.
 VEHICLE = {
     "m": (1, 0, 0), "I_z": (1, 2, 0), "L_g": (0, 1, 0), "cone": (0, -1, 0),
-    "r_L": (0, 1, 0), "r_R": (0, 1, 0), "I_L": (1, 2, 0), "I_R": (1, 2, 0), "k_s": (1, 2, -2), "c_s": (1, 2, -1), "k_psi": (1, 2, -2),
+    "r_L": (0, 1, 0), "r_R": (0, 1, 0), "I_L": (1, 2, 0), "I_R": (1, 2, 0),
+    "k_s": (1, 2, -2), "c_s": (1, 2, -1), "k_psi": (1, 2, -2),
     "c_psi": (1, 2, -1), "k_y": (1, 0, -2), "c_y": (1, 0, -1), "k_rel": (1, 0, -2), "v_min": (0, 1, -1),
 }  # fmt: skip
 NOISE = {
@@ -85,7 +86,8 @@ def told(design: Design, z: Array, units: Units = (1.0, 1.0, 1.0)) -> Array:
     torque = np.full(T, scaled(TORQUE, MOMENT, units))
     z = z * [scaled(1.0, (0, 0, -1), units), scaled(1.0, (0, 1, -2), units)]
     for i in range(n):
-        run_filter(design, memory, i, v, v_dot, torque, z, np.ones(z.shape, dtype=np.bool_), work, rows)
+        usable = np.ones(z.shape, dtype=np.bool_)
+        run_filter(design, memory, i, v, v_dot, torque, z, usable, work, rows, 0, len(rows))
     return rows
 
 
