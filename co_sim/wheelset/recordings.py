@@ -130,11 +130,13 @@ class Journey:
 
     @property
     def length(self) -> float:
-        """Distance travelled, m."""
+        """Greatest distance travelled, m: over a step the plant goes on at the speed of its start."""
         speed = Profile.of(self.speed)
         inside = [t for t in speed.times if 0.0 < t < self.duration]
         corners = np.array([0.0, *inside, self.duration])
-        return float(np.trapezoid(speed.at(corners), corners))
+        at_corners = speed.at(corners)
+        lost = -np.minimum(np.diff(at_corners), 0.0).sum()
+        return float(np.trapezoid(at_corners, corners) + self.step * lost)
 
 
 @dataclass(frozen=True, eq=False)

@@ -264,7 +264,7 @@ class AdhesionBank:
             curve=np.array([[names.index(side) for side in h.sides] for h in hypotheses], dtype=np.int64),
             h=self.h,
             block=self.block,
-            quiet=np.array([0.05, 1.4]),
+            quiet=np.array([0.05, 1.25]),
             far=_FAR,
         )
 

@@ -54,7 +54,7 @@ class Design(NamedTuple):
     `rails` (n, 2, 5), `held` (n,), `creep` (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2)
     the places of both rails in `curves`; `h` step (s) and `block` its samples; `quiet` (2,) the share of a
     block in the running mean of the normalised squares and its bound beyond which a filter is lost; `far`
-    the offset from the track beyond which it is lost, m.
+    the offset from the track beyond which it is, m.
     """
 
     car: Vehicle
@@ -91,7 +91,7 @@ class Memory(NamedTuple):
 
 def new_memory(n: int) -> Memory:
     """Return the memory of n filters before their start."""
-    shapes = ((N_X,), (N_X, N_X), (N_X,), (5,), (5, N_X), (7,))
+    shapes = ((N_X,), (N_X, N_X), (N_X,), (5,), (5, N_X), (7,), (1,))
     filters = Filter(*(np.zeros((n, *shape)) for shape in shapes))
     silence, settling = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     return Memory(filters, np.zeros((n, 8)), np.ones(n), silence, settling, np.zeros(1))
@@ -101,7 +101,13 @@ def new_memory(n: int) -> Memory:
 def one(filters: Filter, i: int) -> Filter:  # pragma: no cover - compiled
     """Return filter `i` of the stacks."""
     return Filter(
-        filters.x[i], filters.C[i], filters.x0[i], filters.f[i], filters.J[i], filters.over_track[i]
+        filters.x[i],
+        filters.C[i],
+        filters.x0[i],
+        filters.f[i],
+        filters.J[i],
+        filters.over_track[i],
+        filters.torque[i],
     )
 
 
@@ -161,7 +167,8 @@ def end_block(  # pragma: no cover - compiled
     if not silent:
         memory.squares[i] += design.quiet[0] * (told[SQUARE] / told[COUNT] - memory.squares[i])
     told[LOG_L], told[SQUARE], told[COUNT] = 0.0, 0.0, 0.0
-    sound = math.isfinite(row[LOG_L]) and row[CREEP] < _GREATEST_CREEP and abs(x[Y]) < design.far
+    sound = math.isfinite(row[LOG_L]) and row[CREEP] < _GREATEST_CREEP
+    sound = sound and abs(x[Y]) < design.far
     for j in range(N_X):
         sound = sound and math.isfinite(x[j]) and C[j, j] >= 0.0
     row[LOST] = 0.0

@@ -76,7 +76,7 @@ class Filter(NamedTuple):
     """What one filter keeps.
 
     State x (12,) and covariance C (12, 12); the rates f (5,) at x0 (12,) and their partials J (5, 12);
-    what `track_step` has found (7,).
+    what `track_step` has found (7,); the torque of the last sample (1,).
     """
 
     x: Array
@@ -85,12 +85,19 @@ class Filter(NamedTuple):
     f: Array
     J: Array
     over_track: Array
+    torque: Array
 
 
 def new_filter() -> Filter:
     """Return the memory of a filter before its start."""
     return Filter(
-        np.zeros(N_X), np.zeros((N_X, N_X)), np.zeros(N_X), np.zeros(5), np.zeros((5, N_X)), np.zeros(7)
+        np.zeros(N_X),
+        np.zeros((N_X, N_X)),
+        np.zeros(N_X),
+        np.zeros(5),
+        np.zeros((5, N_X)),
+        np.zeros(7),
+        np.zeros(1),
     )
 
 
@@ -259,11 +266,12 @@ def _transform(M: Array, C: Array, MC: Array) -> None:  # pragma: no cover - com
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_fast_noise(  # pragma: no cover - compiled
-    car: Vehicle, noise: Noise, held: bool, W_creep: float, v: float, h: float, C: Array
+    car: Vehicle, noise: Noise, held: bool, W_creep: float, v: float, h: float, change: float, C: Array
 ) -> None:
     """Add the noise of the fast states over h, before their step, which damps it as it damps them.
 
-    Behind the step it would stand undamped: at 2 m/s an acceleration of 1e4 1/s times that of the velocity.
+    A torque that has changed by `change` since the last sample was somewhere between the two.
+    Behind the step noise would stand undamped: at 2 m/s an acceleration of 1e4 1/s times that of the velocity.
     """
     C[U, U] += h * noise.W_u
     C[R, R] += h * noise.W_r
@@ -271,6 +279,8 @@ def _add_fast_noise(  # pragma: no cover - compiled
     for i in (L_L, L_R):
         for j in (L_L, L_R):
             C[i, j] += h * common
+    if not held:
+        C[L_R, L_R] += (0.5 * h * change * car.r_R / (v * car.I_R)) ** 2
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -306,8 +316,10 @@ def predict(  # pragma: no cover - compiled
     v = max(v, car.v_min)
     track_step(track, v, h, over_track)
     _slow(car, held, v, 0.5 * h, over_track, x, C)
-    _add_fast_noise(car, noise, held, W_creep, v, h, C)
-    _fast(car, held, v, h, 0.0 if held else torque * car.r_R / (v * car.I_R), kept, work)
+    change = torque - kept.torque[0]
+    _add_fast_noise(car, noise, held, W_creep, v, h, change, C)
+    push = 0.0 if held else (torque - 0.5 * change) * car.r_R / (v * car.I_R)
+    _fast(car, held, v, h, push, kept, work)
     _slow(car, held, v, 0.5 * h, over_track, x, C)
     _add_slow_noise(noise, h, over_track, x, C)
 
@@ -424,6 +436,7 @@ def filter_step(  # pragma: no cover - compiled
     for j in range(N_X):
         x0[j] = x[j]
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
+    kept.torque[0] = torque
     told[ON_WHEELS] = kept.f[TORQUE]
     _measure(noise, held, torque, z, usable, kept, work, told)
     for j in range(N_X):

@@ -145,6 +145,7 @@ def start_filter(  # pragma: no cover - compiled
     C[Q, Q] = level / (2.0 * a * b * (a + b))
     C[B_G, B_G] = prior.b_g**2
     C[B_A, B_A] = prior.b_a**2
+    kept.torque[0] = torque
     for i in range(N_X):
         kept.x0[i] = x[i]
     linearise(car, rails, held, v, 0.0, x, C, kept.f, kept.J)

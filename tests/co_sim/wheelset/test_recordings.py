@@ -56,6 +56,12 @@ def test_speed_follows_its_profile_and_rails_change_in_time():
     assert made.truth["right.adhesion_peak"][-1] > 2.0 * late
 
 
+def test_braking_to_a_stop_stays_on_the_track():
+    made = record(Journey(duration=1.0, speed=Profile((0.1, 0.9), (5.0, 0.0)), creep=1e-3))
+    assert made.stopped is None
+    assert made.speed[-1] == 0.0
+
+
 def test_same_seed_same_bits_and_another_seed_another_journey():
     first, again, other = (record(Journey(duration=0.5, creep=1e-3, seed=s)) for s in (1, 1, 2))
     assert np.array_equal(first.yaw_rate, again.yaw_rate)
