@@ -271,7 +271,7 @@ def _add_fast_noise(  # pragma: no cover - compiled
     """Add the noise of the fast states over h, before their step, which damps it as it damps them.
 
     A torque that has changed by `change` since the last sample was somewhere between the two.
-    Behind the step noise would stand undamped: at 2 m/s an acceleration of 1e4 1/s times that of the velocity.
+    Behind the step noise would stand undamped: at 2 m/s an acceleration 1e4 1/s times that of the velocity.
     """
     C[U, U] += h * noise.W_u
     C[R, R] += h * noise.W_r
