@@ -2,7 +2,7 @@
 
 from estimator.adhesion.bank import AdhesionBank
 from estimator.adhesion.curves import REGIONS
-from estimator.adhesion.hypotheses import Hypothesis
+from estimator.adhesion.hypotheses import Hypothesis, with_unlike_rails
 from estimator.adhesion.online import new_judgement
 from estimator.adhesion.result import AdhesionIdentification
 
@@ -12,4 +12,5 @@ __all__ = [
     "AdhesionIdentification",
     "Hypothesis",
     "new_judgement",
+    "with_unlike_rails",
 ]

@@ -11,7 +11,7 @@ from fmu_wheelset.parameters import CONDITIONS
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["Hypothesis", "with_torque", "without_torque"]
+__all__ = ["Hypothesis", "with_torque", "with_unlike_rails", "without_torque"]
 
 #: Creeps over that of the peak with which filters start where nothing tells the creep.
 _CREEPS = (0.05, 0.3, 1.0, 1.7)
@@ -69,6 +69,14 @@ def with_torque(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...
         hypothesis
         for name in conditions
         for hypothesis in (Hypothesis(name), Hypothesis(name, "held", _PAST))
+    )
+
+
+def with_unlike_rails(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...]:
+    """Return a driven hypothesis for each pair of rails under left and right wheel, like or unlike."""
+    names = tuple(conditions)
+    return tuple(
+        Hypothesis(left, right=None if left == right else right) for left in names for right in names
     )
 
 
