@@ -36,13 +36,17 @@ if TYPE_CHECKING:
     from estimator.track_spectrum import TrackSpectrum
     from fmu_wheelset.parameters import RailCondition
 
-__all__ = ["AdhesionBank"]
+__all__ = ["BIAS", "PATCHES", "AdhesionBank"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 #: Length of a block, s: how often evidence is weighed.
 BLOCK = 0.01
+#: Standard deviations of the offsets of gyro (rad/s) and accelerometer (m/s2) that are usually expected.
+BIAS = (1e-3, 0.05)
+#: Sizes of the contact patches over that of the wheelset that are usually held possible.
+PATCHES = (0.93, 1.0, 1.07)
 #: Time over which friction within a condition changes, s.
 _FRICTION_TIME = 1.0
 #: Time from one renewal of the hopeless filters to the next, s.
@@ -90,8 +94,8 @@ class AdhesionBank:
         window: float | None = None,
         dwell: float = 20.0,
         friction: float = 0.05,
-        bias: tuple[float, float] = (0.0, 0.0),
-        patches: Sequence[float] = (1.0,),
+        bias: tuple[float, float] = BIAS,
+        patches: Sequence[float] = PATCHES,
     ) -> None:
         if not (math.isfinite(h) and h > 0.0):
             raise ValueError(

@@ -270,8 +270,8 @@ def _add_fast_noise(  # pragma: no cover - compiled
 ) -> None:
     """Add the noise of the fast states over h, before their step, which damps it as it damps them.
 
-    A torque that has changed by `change` since the last sample was somewhere between the two.
-    Behind the step noise would stand undamped: at 2 m/s an acceleration 1e4 1/s times that of the velocity.
+    A torque that has changed by `change` since the last sample was somewhere between the two. Behind the
+    step noise would stand undamped: at 2 m/s an acceleration of 1e4 1/s times that of the velocity.
     """
     C[U, U] += h * noise.W_u
     C[R, R] += h * noise.W_r
@@ -438,7 +438,9 @@ def filter_step(  # pragma: no cover - compiled
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
     kept.torque[0] = torque
     told[ON_WHEELS] = kept.f[TORQUE]
-    _measure(noise, held, torque, z, usable, kept, work, told)
+    # A wheelset that stands says nothing of its rail.
+    if v >= car.v_min:
+        _measure(noise, held, torque, z, usable, kept, work, told)
     for j in range(N_X):
         x0[j] = x[j]
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from fmu_wheelset.parameters import RailCondition
 
-__all__ = ["Hypothesis", "rail_of", "with_torque", "without_torque"]
+__all__ = ["Hypothesis", "rail_of", "with_torque", "with_unlike_rails", "without_torque"]
 
 #: Creeps over that of the peak with which filters start where nothing tells the creep.
 _CREEPS = (0.05, 0.3, 1.0, 1.7)
@@ -101,6 +101,14 @@ def with_torque(
             *(Hypothesis(name, patch=size) for size in sizes),
             Hypothesis(name, "held", _PAST),
         )
+    )
+
+
+def with_unlike_rails(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...]:
+    """Return a driven hypothesis for each pair of rails under left and right wheel, like or unlike."""
+    names = tuple(conditions)
+    return tuple(
+        Hypothesis(left, right=None if left == right else right) for left in names for right in names
     )
 
 
