@@ -136,10 +136,10 @@ def _grid_axes(study: Study, findings: Findings, what: str, banks: Sequence[str]
 
 
 def _crossed(study: Study, findings: Findings, what: str, banks: Sequence[str]) -> Iterator[Table]:
-    """Yield for each numeric quantity of the grid how often each class is right at each of its values."""
+    """Yield for each quantity of the grid how often each class is right at each of its values."""
     true = findings.column(what)
     for name, values in study.grid.items():
-        if len(values) < 2 or not all(isinstance(value, int | float) for value in values):
+        if len(values) < 2 or name == what:
             continue
         of_case = findings.of_case(name)
         rows: list[tuple[Cell, ...]] = [
@@ -156,7 +156,8 @@ def _crossed(study: Study, findings: Findings, what: str, banks: Sequence[str]) 
             for bank in banks
         ]
         heading = name.replace("_", " ")
-        columns = (Column(f"true {what}"), Column("bank"), *(Column(f"{heading} {v:g}") for v in values))
+        texts = [f"{v:g}" if isinstance(v, int | float) else str(v).replace("_", " ") for v in values]
+        columns = (Column(f"true {what}"), Column("bank"), *(Column(f"{heading} {text}") for text in texts))
         yield Table(f"Windows right by true {what} and {heading}", columns, tuple(rows))
 
 
