@@ -33,6 +33,7 @@ from estimator.adhesion.motion import (
     Y,
     linearise,
 )
+from estimator.adhesion.rows import put, quad, row, total, transpose
 
 __all__ = ["Filter", "Noise", "Track", "filter_step", "new_filter"]
 
@@ -70,6 +71,17 @@ class Track(NamedTuple):
     level: float
 
 
+class Slow(NamedTuple):
+    """Half a step of the slow states: its length h, what a creep twists the axle by, the track's decays."""
+
+    h: float
+    w_L: float
+    w_R: float
+    e_p: float
+    e_q: float
+    c_pq: float
+
+
 class Filter(NamedTuple):
     """What one filter keeps.
 
@@ -93,32 +105,35 @@ def new_filter() -> Filter:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _slow(  # pragma: no cover - compiled
-    car: Vehicle, held: bool, v: float, h: float, over_track: Array, x: Array, M: Array
-) -> None:
-    """Advance the slow states by h with the fast ones held, in x (12,) and the covariance M (12, 12)."""
-    e_p, e_q, c_pq = over_track[1], over_track[2], over_track[3]
-    w_L = 0.0 if held else -h * v / car.r_L
-    w_R = 0.0 if held else h * v / car.r_R
-    d_q = e_q - 1.0
-    rest = 0.0 if held else w_L + w_R
+def _slow_matrix(  # pragma: no cover - compiled
+    car: Vehicle, held: bool, v: float, h: float, over_track: Array
+) -> Slow:
+    """Return what moves the slow states in h with the fast ones held."""
+    turn = 0.0 if held else h * v
+    return Slow(h, -turn / car.r_L, turn / car.r_R, over_track[1], over_track[2], over_track[3])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slow(slow: Slow, x: Array) -> None:  # pragma: no cover - compiled
+    """Advance the slow states in x (12,) with the fast ones held."""
+    h, w_L, w_R, e_p, e_q, c_pq = slow
     x[PSI] += h * x[R]
-    x[Y] += h * x[U] - d_q * x[Q] - c_pq * x[P]
-    x[THETA] += w_L * x[L_L] + w_R * x[L_R] + rest
+    x[Y] += h * x[U] - (e_q - 1.0) * x[Q] - c_pq * x[P]
+    x[THETA] += w_L * x[L_L] + w_R * x[L_R] + (w_L + w_R)
     x[Q] = e_q * x[Q] + c_pq * x[P]
     x[P] *= e_p
-    for j in range(N_X):
-        M[PSI, j] += h * M[R, j]
-        M[Y, j] += h * M[U, j] - d_q * M[Q, j] - c_pq * M[P, j]
-        M[THETA, j] += w_L * M[L_L, j] + w_R * M[L_R, j]
-        M[Q, j] = e_q * M[Q, j] + c_pq * M[P, j]
-        M[P, j] *= e_p
-    for i in range(N_X):
-        M[i, PSI] += h * M[i, R]
-        M[i, Y] += h * M[i, U] - d_q * M[i, Q] - c_pq * M[i, P]
-        M[i, THETA] += w_L * M[i, L_L] + w_R * M[i, L_R]
-        M[i, Q] = e_q * M[i, Q] + c_pq * M[i, P]
-        M[i, P] *= e_p
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slow_rows(slow: Slow, A: Array, i: int) -> None:  # pragma: no cover - compiled
+    """Replace the twelve rows of A from row i on, X, by S X with the transition S of the slow states."""
+    h, w_L, w_R, e_p, e_q, c_pq = slow
+    p, q = row(A, i + P), row(A, i + Q)
+    put(A, i + PSI, row(A, i + PSI) + h * row(A, i + R))
+    put(A, i + Y, row(A, i + Y) + (h * row(A, i + U) - (e_q - 1.0) * q - c_pq * p))
+    put(A, i + THETA, row(A, i + THETA) + (w_L * row(A, i + L_L) + w_R * row(A, i + L_R)))
+    put(A, i + Q, e_q * q + c_pq * p)
+    put(A, i + P, e_p * p)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -176,49 +191,75 @@ def track_step(track: Track, v: float, h: float, out: Array) -> None:  # pragma:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fast(h: float, push: float, kept: Filter, work: Array) -> None:  # pragma: no cover - compiled
-    """Advance the fast states by h with the slow ones held; `push` is the torque's share of l_R'."""
-    x, x0, f, J = kept.x, kept.x0, kept.f, kept.J
-    Z, phi, D, M = work[0], work[1], work[2], work[3]
+    """Advance the fast states by h with the slow ones held; `push` is the torque's share of l_R'.
+
+    Leaves their rows of the transition in `work[0]`.
+    """
+    x, f, J = kept.x, kept.f, kept.J
+    M, Z, phi = work[0], work[1], work[2]
     for i in range(N_F):
-        for j in range(N_F):
-            Z[i, j] = h * J[i, j]
-    _exponential(Z, phi, D)
-    rate = D[0]
+        put(Z, i, h * quad(J, i))
+    _exponential(Z, phi, work[3])
+    moved = row(x, 0) - row(kept.x0, 0)
+    rate = work[3, 0]
     for i in range(N_F):
-        rate[i] = f[i]
-        for j in range(N_X):
-            rate[i] += J[i, j] * (x[j] - x0[j])
+        rate[i] = f[i] + total(row(J, i) * moved)
     rate[L_R] += push
     for i in range(N_F):
-        for j in range(N_X):
-            M[i, j] = 0.0
-        for k in range(N_F):
-            x[i] += h * phi[i, k] * rate[k]
-            for j in range(N_X):
-                M[i, j] += h * phi[i, k] * J[k, j]
+        a, b, c, d = h * phi[i, 0], h * phi[i, 1], h * phi[i, 2], h * phi[i, 3]
+        x[i] += a * rate[0] + b * rate[1] + c * rate[2] + d * rate[3]
+        put(M, i, (a * row(J, 0) + b * row(J, 1)) + (c * row(J, 2) + d * row(J, 3)))
         M[i, i] += 1.0
-    _transform(M, kept.C, work[4])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _transform(M: Array, C: Array, MC: Array) -> None:  # pragma: no cover - compiled
-    """Replace C by the covariance of M x in its first four rows; MC is work space."""
+def _fast_rows(M: Array, A: Array, i: int) -> None:  # pragma: no cover - compiled
+    """Replace the first four of the twelve rows of A from row i on, X, by M X."""
+    first = row(A, i)
+    a, b, c, d = M[0, 0] * first, M[1, 0] * first, M[2, 0] * first, M[3, 0] * first
+    for k in range(1, N_X):
+        other = row(A, i + k)
+        a, b, c, d = a + M[0, k] * other, b + M[1, k] * other, c + M[2, k] * other, d + M[3, k] * other
+    put(A, i, a)
+    put(A, i + 1, b)
+    put(A, i + 2, c)
+    put(A, i + 3, d)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spread(slow: Slow, creep: float, C: Array, work: Array) -> None:  # pragma: no cover - compiled
+    """Replace C by T (C + N) T' with T = S M S, M in `work[0]`; N is the noise `creep` of the creep.
+
+    The products are of rows only, one before and one after transposing. What rounding leaves of a
+    difference between the triangles is levelled out.
+    """
+    M, turned, noise = work[0], N_F, work[4]
+    _slow_rows(slow, C, 0)
+    _fast_rows(M, C, 0)
+    _slow_rows(slow, C, 0)
+    transpose(C, 0, work, turned)
+    _slow_rows(slow, work, turned)
+    _fast_rows(M, work, turned)
+    _slow_rows(slow, work, turned)
+    transpose(work, turned, C, 0)
+    _noise_of_creep(slow, M, noise)
+    n = row(noise, 0)
+    for i in range(N_X):
+        put(C, i, 0.5 * (row(C, i) + row(work, turned + i)) + (creep * noise[0, i]) * n)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _noise_of_creep(slow: Slow, M: Array, n: Array) -> None:  # pragma: no cover - compiled
+    """Write to n[0] what a unit of common creep becomes that comes in before the fast step.
+
+    The fast step damps it as it damps the creep itself.
+    """
     for i in range(N_F):
-        for j in range(N_X):
-            MC[i, j] = 0.0
-        for k in range(N_X):
-            for j in range(N_X):
-                MC[i, j] += M[i, k] * C[k, j]
-    for i in range(N_F):
-        for j in range(N_F, N_X):
-            C[i, j] = MC[i, j]
-            C[j, i] = MC[i, j]
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(N_X):
-                total += MC[i, k] * M[j, k]
-            C[i, j] = total
-            C[j, i] = total
+        n[0, i] = M[i, L_L] + M[i, L_R]
+    for i in range(N_F, N_X):
+        n[0, i] = 0.0
+    n[0, PSI], n[0, Y] = slow.h * n[0, R], slow.h * n[0, U]
+    n[0, THETA] = slow.w_L * n[0, L_L] + slow.w_R * n[0, L_R]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -252,73 +293,64 @@ def predict(  # pragma: no cover - compiled
     v: float, torque: float, h: float, kept: Filter, work: Array,
 ) -> None:  # fmt: skip
     """Advance x and C of a filter by h; `work` is (5, 4, 12)."""
-    x, C, over_track = kept.x, kept.C, kept.over_track
+    x, over_track = kept.x, kept.over_track
     v = max(v, car.v_min)
     track_step(track, v, h, over_track)
-    _slow(car, held, v, 0.5 * h, over_track, x, C)
-    # Noise of the creep comes in before the fast step, which damps it as it damps the creep itself.
-    common = W_creep if held else noise.W_torque * (car.r_R / (v * (car.I_L + car.I_R))) ** 2
-    for i in (L_L, L_R):
-        for j in (L_L, L_R):
-            C[i, j] += h * common
+    slow = _slow_matrix(car, held, v, 0.5 * h, over_track)
+    _slow(slow, x)
     _fast(h, 0.0 if held else torque * car.r_R / (v * car.I_R), kept, work)
-    _slow(car, held, v, 0.5 * h, over_track, x, C)
-    _add_noise(noise, h, over_track, x, C)
+    _slow(slow, x)
+    common = W_creep if held else noise.W_torque * (car.r_R / (v * (car.I_L + car.I_R))) ** 2
+    _spread(slow, h * common, kept.C, work)
+    _add_noise(noise, h, over_track, x, kept.C)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _joseph(H: Array, R_e: float, C: Array, c: Array, K: Array) -> None:  # pragma: no cover - compiled
-    """Replace C by (1 - K H) C (1 - K H)' + K R_e K', by two products of vectors; c is C H' at first."""
+def _joseph(R_e: float, gain: float, C: Array, work: Array) -> None:  # pragma: no cover - compiled
+    """Replace C by (1 - K H) C (1 - K H)' + K R_e K', by two products of vectors of equal triangles.
+
+    `work` has H in its first row, C H' in its second; K = gain C H'.
+    """
+    root, K, c = math.sqrt(gain), gain * row(work, 1), row(work, 1)
+    w = root * c
+    put(work, 2, w)
+    left = 0.0 * w
     for i in range(N_X):
-        for j in range(N_X):
-            C[i, j] -= K[i] * c[j]
+        less = row(C, i) - work[2, i] * w
+        left = left + work[0, i] * less
+        put(C, i, less)
+    u = 0.5 * (R_e * K - left)
+    put(work, 1, u)
+    put(work, 2, K)
     for i in range(N_X):
-        total = 0.0
-        for j in range(N_X):
-            total += C[i, j] * H[j]
-        c[i] = R_e * K[i] - total
-    for i in range(N_X):
-        for j in range(N_X):
-            C[i, j] += c[i] * K[j]
-    for i in range(N_X):
-        for j in range(i):
-            mean = 0.5 * (C[i, j] + C[j, i])
-            C[i, j] = mean
-            C[j, i] = mean
+        put(C, i, row(C, i) + (work[1, i] * K + work[2, i] * u))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _correct(  # pragma: no cover - compiled
-    H: Array, e: float, R_e: float, x: Array, C: Array, c: Array, K: Array
+    e: float, R_e: float, x: Array, C: Array, work: Array
 ) -> float:
-    """Take an innovation e with the row H (12,) into x and C, Joseph's form; return its variance.
+    """Take an innovation e with the row H into x and C, Joseph's form; return its variance.
 
-    c and K (12,) are work space.
+    `work` (4, 12) has H in its first row.
     """
-    for j in range(N_X):
-        c[j] = 0.0
-    for k in range(N_X):
-        for j in range(N_X):
-            c[j] += H[k] * C[k, j]
-    S_e = R_e
-    for j in range(N_X):
-        S_e += H[j] * c[j]
+    c = work[0, 0] * row(C, 0)
+    for k in range(1, N_X):
+        c = c + work[0, k] * row(C, k)
+    S_e = R_e + total(row(work, 0) * c)
     gain = 1.0 / S_e
-    for j in range(N_X):
-        K[j] = c[j] * gain
-        x[j] += K[j] * e
-    _joseph(H, R_e, C, c, K)
+    put(x, 0, row(x, 0) + (gain * e) * c)
+    put(work, 1, c)
+    _joseph(R_e, gain, C, work)
     return S_e
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _row_of(J: Array, i: int, x: Array, x0: Array, H: Array) -> float:  # pragma: no cover - compiled
     """Copy row i of J to H; return by how much the value of that row has moved from x0 to x."""
-    moved = 0.0
-    for j in range(N_X):
-        H[j] = J[i, j]
-        moved += H[j] * (x[j] - x0[j])
-    return moved
+    partials = row(J, i)
+    put(H, 0, partials)
+    return total(partials * (row(x, 0) - row(x0, 0)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -327,14 +359,15 @@ def _measure(  # pragma: no cover - compiled
 ) -> None:
     """Take a sample z (2,) and the torque of a held creep into the state, one number after the other."""
     x, C, x0, f, J = kept.x, kept.C, kept.x0, kept.f, kept.J
-    H, c, K = work[0, 0], work[1, 0], work[2, 0]
+    room = work[0]
+    H = room[0]
     if usable[0]:
         for j in range(N_X):
             H[j] = 0.0
         H[R] = 1.0
         H[B_G] = 1.0
         e = z[0] - x[R] - x[B_G]
-        S_e = _correct(H, e, noise.R_yaw, x, C, c, K)
+        S_e = _correct(e, noise.R_yaw, x, C, room)
         told[LOG_L] -= 0.5 * (math.log(S_e) + e * e / S_e)
         told[SQUARE] += e * e / S_e
         told[COUNT] += 1.0
@@ -342,14 +375,14 @@ def _measure(  # pragma: no cover - compiled
     if usable[1]:
         e = z[1] - x[B_A] - f[U] - _row_of(J, U, x, x0, H)
         H[B_A] = 1.0
-        S_e = _correct(H, e, noise.R_acc, x, C, c, K)
+        S_e = _correct(e, noise.R_acc, x, C, room)
         told[LOG_L] -= 0.5 * (math.log(S_e) + e * e / S_e)
         told[SQUARE] += e * e / S_e
         told[COUNT] += 1.0
         told[E_ACC], told[S_ACC] = e, S_e
     if held and not math.isnan(torque):
         e = torque - f[TORQUE] - _row_of(J, TORQUE, x, x0, H)
-        S_e = _correct(H, e, noise.R_torque, x, C, c, K)
+        S_e = _correct(e, noise.R_torque, x, C, room)
         told[LOG_L] -= 0.5 * e * e / S_e
 
 
