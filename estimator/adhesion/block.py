@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimator.adhesion.curves import landmarks
-from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE, Filter, filter_step
+from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE, Filter, filter_step, parted
 from estimator.adhesion.motion import L_L, L_R, N_X, S, Vehicle, Y
 from estimator.adhesion.start import start_creep, start_filter
 
@@ -132,7 +132,8 @@ def take_sample(  # pragma: no cover - compiled
         begin_filter(design, memory, i, v, torque)
     filter_step(
         design.car, design.track, design.noise, design.rails[i], design.held[i], design.W_creep[i], first,
-        design.h, v, v_dot, torque, z, usable, _one(memory.filters, i), work, memory.told[i],
+        design.h, v, v_dot, torque, z[0] if usable[0] else math.nan, z[1] if usable[1] else math.nan,
+        _one(memory.filters, i), parted(work), memory.told[i],
     )  # fmt: skip
 
 
@@ -170,7 +171,14 @@ def run_filter(  # pragma: no cover - compiled
     v: Array, v_dot: Array, torque: Array, z: Array, usable: Flags, work: Array, rows: Array,
 ) -> None:  # fmt: skip
     """Run filter `i` over the samples z (T, 2); writes rows (T // block, n, 13)."""
-    for k in range(rows.shape[0] * design.block):
-        take_sample(design, memory, i, k == 0, v[k], v_dot[k], torque[k], z[k], usable[k], work)
-        if (k + 1) % design.block == 0:
-            end_block(design, memory, i, v[k], torque[k], rows[k // design.block, i])
+    kept, room, told, rails = _one(memory.filters, i), parted(work), memory.told[i], design.rails[i]
+    held, W_creep = design.held[i], design.W_creep[i]
+    begin_filter(design, memory, i, v[0], torque[0])
+    for n in range(rows.shape[0]):
+        for k in range(n * design.block, (n + 1) * design.block):
+            filter_step(
+                design.car, design.track, design.noise, rails, held, W_creep, k == 0, design.h,
+                v[k], v_dot[k], torque[k], z[k, 0] if usable[k, 0] else math.nan,
+                z[k, 1] if usable[k, 1] else math.nan, kept, room, told,
+            )  # fmt: skip
+        end_block(design, memory, i, v[k], torque[k], rows[n, i])

@@ -35,10 +35,9 @@ from estimator.adhesion.motion import (
 )
 from estimator.adhesion.rows import put, quad, row, total, transpose
 
-__all__ = ["Filter", "Noise", "Track", "filter_step", "new_filter"]
+__all__ = ["Filter", "Noise", "Track", "Room", "filter_step", "new_filter", "parted"]
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 N_F = 4
 #: What a step tells.
@@ -97,6 +96,23 @@ class Filter(NamedTuple):
     over_track: Array
 
 
+class Room(NamedTuple):
+    """Work space of a step (5, 4, 12), and its parts."""
+
+    all: Array
+    M: Array
+    Z: Array
+    phi: Array
+    D: Array
+    rest: Array
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def parted(work: Array) -> Room:  # pragma: no cover - compiled
+    """Return the parts of a work space (5, 4, 12)."""
+    return Room(work, work[0], work[1], work[2], work[3], work[4])
+
+
 def new_filter() -> Filter:
     """Return the memory of a filter before its start."""
     return Filter(
@@ -104,7 +120,7 @@ def new_filter() -> Filter:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _slow_matrix(  # pragma: no cover - compiled
     car: Vehicle, held: bool, v: float, h: float, over_track: Array
 ) -> Slow:
@@ -113,7 +129,7 @@ def _slow_matrix(  # pragma: no cover - compiled
     return Slow(h, -turn / car.r_L, turn / car.r_R, over_track[1], over_track[2], over_track[3])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _slow(slow: Slow, x: Array) -> None:  # pragma: no cover - compiled
     """Advance the slow states in x (12,) with the fast ones held."""
     h, w_L, w_R, e_p, e_q, c_pq = slow
@@ -124,7 +140,7 @@ def _slow(slow: Slow, x: Array) -> None:  # pragma: no cover - compiled
     x[P] *= e_p
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _slow_rows(slow: Slow, A: Array, i: int) -> None:  # pragma: no cover - compiled
     """Replace the twelve rows of A from row i on, X, by S X with the transition S of the slow states."""
     h, w_L, w_R, e_p, e_q, c_pq = slow
@@ -136,7 +152,7 @@ def _slow_rows(slow: Slow, A: Array, i: int) -> None:  # pragma: no cover - comp
     put(A, i + P, e_p * p)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _exponential(Z: Array, phi: Array, D: Array) -> None:  # pragma: no cover - compiled
     """Write phi_1(Z) = (exp(Z) - 1)/Z of a 4 x 4 matrix by the (1, 2) Pade approximant of exp.
 
@@ -168,7 +184,7 @@ def _exponential(Z: Array, phi: Array, D: Array) -> None:  # pragma: no cover - 
             phi[i, j] = total * pivot
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def track_step(track: Track, v: float, h: float, out: Array) -> None:  # pragma: no cover - compiled
     """Write what a step over the track needs, (7,): v, decays and coupling of h/2, covariances of h.
 
@@ -189,30 +205,29 @@ def track_step(track: Track, v: float, h: float, out: Array) -> None:  # pragma:
     out[6] = level * max(qq - 2.0 * pq + pp, 0.0) / (a - b) ** 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _fast(h: float, push: float, kept: Filter, work: Array) -> None:  # pragma: no cover - compiled
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _fast(h: float, push: float, kept: Filter, room: Room) -> None:  # pragma: no cover - compiled
     """Advance the fast states by h with the slow ones held; `push` is the torque's share of l_R'.
 
-    Leaves their rows of the transition in `work[0]`.
+    Leaves their rows of the transition in `room.M`.
     """
     x, f, J = kept.x, kept.f, kept.J
-    M, Z, phi = work[0], work[1], work[2]
+    M, Z, phi, rate = room.M, room.Z, room.phi, room.rest
     for i in range(N_F):
         put(Z, i, h * quad(J, i))
-    _exponential(Z, phi, work[3])
+    _exponential(Z, phi, room.D)
     moved = row(x, 0) - row(kept.x0, 0)
-    rate = work[3, 0]
     for i in range(N_F):
-        rate[i] = f[i] + total(row(J, i) * moved)
-    rate[L_R] += push
+        rate[0, i] = f[i] + total(row(J, i) * moved)
+    rate[0, L_R] += push
     for i in range(N_F):
         a, b, c, d = h * phi[i, 0], h * phi[i, 1], h * phi[i, 2], h * phi[i, 3]
-        x[i] += a * rate[0] + b * rate[1] + c * rate[2] + d * rate[3]
+        x[i] += a * rate[0, 0] + b * rate[0, 1] + c * rate[0, 2] + d * rate[0, 3]
         put(M, i, (a * row(J, 0) + b * row(J, 1)) + (c * row(J, 2) + d * row(J, 3)))
         M[i, i] += 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _fast_rows(M: Array, A: Array, i: int) -> None:  # pragma: no cover - compiled
     """Replace the first four of the twelve rows of A from row i on, X, by M X."""
     first = row(A, i)
@@ -226,14 +241,14 @@ def _fast_rows(M: Array, A: Array, i: int) -> None:  # pragma: no cover - compil
     put(A, i + 3, d)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _spread(slow: Slow, creep: float, C: Array, work: Array) -> None:  # pragma: no cover - compiled
-    """Replace C by T (C + N) T' with T = S M S, M in `work[0]`; N is the noise `creep` of the creep.
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _spread(slow: Slow, creep: float, C: Array, room: Room) -> None:  # pragma: no cover - compiled
+    """Replace C by T (C + N) T' with T = S M S, M in `room.M`; N is the noise `creep` of the creep.
 
     The products are of rows only, one before and one after transposing. What rounding leaves of a
     difference between the triangles is levelled out.
     """
-    M, turned, noise = work[0], N_F, work[4]
+    work, M, turned, noise = room.all, room.M, N_F, room.rest
     _slow_rows(slow, C, 0)
     _fast_rows(M, C, 0)
     _slow_rows(slow, C, 0)
@@ -248,7 +263,7 @@ def _spread(slow: Slow, creep: float, C: Array, work: Array) -> None:  # pragma:
         put(C, i, 0.5 * (row(C, i) + row(work, turned + i)) + (creep * noise[0, i]) * n)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _noise_of_creep(slow: Slow, M: Array, n: Array) -> None:  # pragma: no cover - compiled
     """Write to n[0] what a unit of common creep becomes that comes in before the fast step.
 
@@ -262,7 +277,7 @@ def _noise_of_creep(slow: Slow, M: Array, n: Array) -> None:  # pragma: no cover
     n[0, THETA] = slow.w_L * n[0, L_L] + slow.w_R * n[0, L_R]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _add_noise(  # pragma: no cover - compiled
     noise: Noise, h: float, over_track: Array, x: Array, C: Array
 ) -> None:
@@ -287,25 +302,25 @@ def _add_noise(  # pragma: no cover - compiled
     C[B_A, B_A] += h * noise.W_ba
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def predict(  # pragma: no cover - compiled
     car: Vehicle, track: Track, noise: Noise, held: bool, W_creep: float,
-    v: float, torque: float, h: float, kept: Filter, work: Array,
+    v: float, torque: float, h: float, kept: Filter, room: Room,
 ) -> None:  # fmt: skip
-    """Advance x and C of a filter by h; `work` is (5, 4, 12)."""
+    """Advance x and C of a filter by h."""
     x, over_track = kept.x, kept.over_track
     v = max(v, car.v_min)
     track_step(track, v, h, over_track)
     slow = _slow_matrix(car, held, v, 0.5 * h, over_track)
     _slow(slow, x)
-    _fast(h, 0.0 if held else torque * car.r_R / (v * car.I_R), kept, work)
+    _fast(h, 0.0 if held else torque * car.r_R / (v * car.I_R), kept, room)
     _slow(slow, x)
     common = W_creep if held else noise.W_torque * (car.r_R / (v * (car.I_L + car.I_R))) ** 2
-    _spread(slow, h * common, kept.C, work)
+    _spread(slow, h * common, kept.C, room)
     _add_noise(noise, h, over_track, x, kept.C)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _joseph(R_e: float, gain: float, C: Array, work: Array) -> None:  # pragma: no cover - compiled
     """Replace C by (1 - K H) C (1 - K H)' + K R_e K', by two products of vectors of equal triangles.
 
@@ -326,7 +341,7 @@ def _joseph(R_e: float, gain: float, C: Array, work: Array) -> None:  # pragma: 
         put(C, i, row(C, i) + (work[1, i] * K + work[2, i] * u))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _correct(  # pragma: no cover - compiled
     e: float, R_e: float, x: Array, C: Array, work: Array
 ) -> float:
@@ -345,74 +360,71 @@ def _correct(  # pragma: no cover - compiled
     return S_e
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _row_of(J: Array, i: int, x: Array, x0: Array, H: Array) -> float:  # pragma: no cover - compiled
-    """Copy row i of J to H; return by how much the value of that row has moved from x0 to x."""
+    """Copy row i of J to the first row of H; return by how much the value of that row has moved from x0 to x."""
     partials = row(J, i)
     put(H, 0, partials)
     return total(partials * (row(x, 0) - row(x0, 0)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _measure(  # pragma: no cover - compiled
-    noise: Noise, held: bool, torque: float, z: Array, usable: Flags, kept: Filter, work: Array, told: Array
-) -> None:
-    """Take a sample z (2,) and the torque of a held creep into the state, one number after the other."""
+    noise: Noise, held: bool, torque: float, z_yaw: float, z_acc: float, kept: Filter, room: Array,
+    told: Array,
+) -> None:  # fmt: skip
+    """Take a sample (NaN: not usable) and the torque of a held creep into the state, one number after the other."""
     x, C, x0, f, J = kept.x, kept.C, kept.x0, kept.f, kept.J
-    room = work[0]
-    H = room[0]
-    if usable[0]:
+    if not math.isnan(z_yaw):
         for j in range(N_X):
-            H[j] = 0.0
-        H[R] = 1.0
-        H[B_G] = 1.0
-        e = z[0] - x[R] - x[B_G]
+            room[0, j] = 0.0
+        room[0, R] = 1.0
+        room[0, B_G] = 1.0
+        e = z_yaw - x[R] - x[B_G]
         S_e = _correct(e, noise.R_yaw, x, C, room)
         told[LOG_L] -= 0.5 * (math.log(S_e) + e * e / S_e)
         told[SQUARE] += e * e / S_e
         told[COUNT] += 1.0
         told[E_YAW], told[S_YAW] = e, S_e
-    if usable[1]:
-        e = z[1] - x[B_A] - f[U] - _row_of(J, U, x, x0, H)
-        H[B_A] = 1.0
+    if not math.isnan(z_acc):
+        e = z_acc - x[B_A] - f[U] - _row_of(J, U, x, x0, room)
+        room[0, B_A] = 1.0
         S_e = _correct(e, noise.R_acc, x, C, room)
         told[LOG_L] -= 0.5 * (math.log(S_e) + e * e / S_e)
         told[SQUARE] += e * e / S_e
         told[COUNT] += 1.0
         told[E_ACC], told[S_ACC] = e, S_e
     if held and not math.isnan(torque):
-        e = torque - f[TORQUE] - _row_of(J, TORQUE, x, x0, H)
+        e = torque - f[TORQUE] - _row_of(J, TORQUE, x, x0, room)
         S_e = _correct(e, noise.R_torque, x, C, room)
         told[LOG_L] -= 0.5 * e * e / S_e
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def filter_step(  # pragma: no cover - compiled
     car: Vehicle, track: Track, noise: Noise, rails: Array, held: bool, W_creep: float, first: bool,
-    h: float, v: float, v_dot: float, torque: float, z: Array, usable: Flags, kept: Filter, work: Array,
+    h: float, v: float, v_dot: float, torque: float, z_yaw: float, z_acc: float, kept: Filter, room: Room,
     told: Array,
 ) -> None:  # fmt: skip
-    """Advance one filter by one sample z (2,).
+    """Advance one filter by one sample.
 
     Parameters
     ----------
     rails : (2, 5) left and right. held : the creep does not follow the torque.
     W_creep : intensity of the noise of a held creep, 1/s. first : no step before this sample.
     v, v_dot, torque : speed (m/s), its rate and the torque on the axle (N m, NaN: unknown).
-    usable : (2,) which of the two numbers may be used.
-    work : (5, 4, 12) work space.
+    z_yaw, z_acc : yaw rate (rad/s) and lateral acceleration (m/s2), NaN if they may not be used.
+    room : work space.
     told : (8,) adds the log-likelihood (less its constant), the normalised squares of the innovations and
         their number; writes the last innovations with their variances and the torque on the wheels. The
         acceleration's innovation is what the yaw rate of the same sample has not told.
     """
     x, x0 = kept.x, kept.x0
     if not first:
-        predict(car, track, noise, held, W_creep, v, torque, h, kept, work)
-    for j in range(N_X):
-        x0[j] = x[j]
+        predict(car, track, noise, held, W_creep, v, torque, h, kept, room)
+    put(x0, 0, row(x, 0))
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
     told[ON_WHEELS] = kept.f[TORQUE]
-    _measure(noise, held, torque, z, usable, kept, work, told)
-    for j in range(N_X):
-        x0[j] = x[j]
+    _measure(noise, held, torque, z_yaw, z_acc, kept, room.M, told)
+    put(x0, 0, row(x, 0))
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
