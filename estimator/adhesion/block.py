@@ -170,15 +170,18 @@ def run_filter(  # pragma: no cover - compiled
     design: Design, memory: Memory, i: int,
     v: Array, v_dot: Array, torque: Array, z: Array, usable: Flags, work: Array, rows: Array,
 ) -> None:  # fmt: skip
-    """Run filter `i` over the samples z (T, 2); writes rows (T // block, n, 13)."""
+    """Run filter `i` over the samples z (T, 2); writes rows (T // block, n, 13).
+
+    Arrays are taken apart once: a view costs as much as many a line of the filter.
+    """
     kept, room, told, rails = _one(memory.filters, i), parted(work), memory.told[i], design.rails[i]
     held, W_creep = design.held[i], design.W_creep[i]
     begin_filter(design, memory, i, v[0], torque[0])
-    for n in range(rows.shape[0]):
-        for k in range(n * design.block, (n + 1) * design.block):
-            filter_step(
-                design.car, design.track, design.noise, rails, held, W_creep, k == 0, design.h,
-                v[k], v_dot[k], torque[k], z[k, 0] if usable[k, 0] else math.nan,
-                z[k, 1] if usable[k, 1] else math.nan, kept, room, told,
-            )  # fmt: skip
-        end_block(design, memory, i, v[k], torque[k], rows[n, i])
+    for k in range(rows.shape[0] * design.block):
+        filter_step(
+            design.car, design.track, design.noise, rails, held, W_creep, k == 0, design.h,
+            v[k], v_dot[k], torque[k], z[k, 0] if usable[k, 0] else math.nan,
+            z[k, 1] if usable[k, 1] else math.nan, kept, room, told,
+        )  # fmt: skip
+        if (k + 1) % design.block == 0:
+            end_block(design, memory, i, v[k], torque[k], rows[k // design.block, i])

@@ -15,14 +15,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from estimator.adhesion.correction import correct
 from estimator.adhesion.motion import (
     B_A,
     B_G,
-    L_L,
     L_R,
+    N_F,
     N_X,
-    PSI,
-    THETA,
     TORQUE,
     P,
     Q,
@@ -33,13 +32,13 @@ from estimator.adhesion.motion import (
     Y,
     linearise,
 )
-from estimator.adhesion.rows import put, quad, row, total, transpose
+from estimator.adhesion.rows import put, quad, row, total
+from estimator.adhesion.transition import add_noise_of_creep, move_slow, slow_transition, spread
 
-__all__ = ["Filter", "Noise", "Track", "Room", "filter_step", "new_filter", "parted"]
+__all__ = ["Filter", "Noise", "Room", "Track", "filter_step", "new_filter", "parted"]
 
 Array = NDArray[np.float64]
 
-N_F = 4
 #: What a step tells.
 LOG_L, SQUARE, COUNT, E_YAW, S_YAW, E_ACC, S_ACC, ON_WHEELS = range(8)
 
@@ -68,17 +67,6 @@ class Track(NamedTuple):
     Wc: float
     Wr: float
     level: float
-
-
-class Slow(NamedTuple):
-    """Half a step of the slow states: its length h, what a creep twists the axle by, the track's decays."""
-
-    h: float
-    w_L: float
-    w_R: float
-    e_p: float
-    e_q: float
-    c_pq: float
 
 
 class Filter(NamedTuple):
@@ -121,67 +109,27 @@ def new_filter() -> Filter:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _slow_matrix(  # pragma: no cover - compiled
-    car: Vehicle, held: bool, v: float, h: float, over_track: Array
-) -> Slow:
-    """Return what moves the slow states in h with the fast ones held."""
-    turn = 0.0 if held else h * v
-    return Slow(h, -turn / car.r_L, turn / car.r_R, over_track[1], over_track[2], over_track[3])
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _slow(slow: Slow, x: Array) -> None:  # pragma: no cover - compiled
-    """Advance the slow states in x (12,) with the fast ones held."""
-    h, w_L, w_R, e_p, e_q, c_pq = slow
-    x[PSI] += h * x[R]
-    x[Y] += h * x[U] - (e_q - 1.0) * x[Q] - c_pq * x[P]
-    x[THETA] += w_L * x[L_L] + w_R * x[L_R] + (w_L + w_R)
-    x[Q] = e_q * x[Q] + c_pq * x[P]
-    x[P] *= e_p
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _slow_rows(slow: Slow, A: Array, i: int) -> None:  # pragma: no cover - compiled
-    """Replace the twelve rows of A from row i on, X, by S X with the transition S of the slow states."""
-    h, w_L, w_R, e_p, e_q, c_pq = slow
-    p, q = row(A, i + P), row(A, i + Q)
-    put(A, i + PSI, row(A, i + PSI) + h * row(A, i + R))
-    put(A, i + Y, row(A, i + Y) + (h * row(A, i + U) - (e_q - 1.0) * q - c_pq * p))
-    put(A, i + THETA, row(A, i + THETA) + (w_L * row(A, i + L_L) + w_R * row(A, i + L_R)))
-    put(A, i + Q, e_q * q + c_pq * p)
-    put(A, i + P, e_p * p)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _exponential(Z: Array, phi: Array, D: Array) -> None:  # pragma: no cover - compiled
     """Write phi_1(Z) = (exp(Z) - 1)/Z of a 4 x 4 matrix by the (1, 2) Pade approximant of exp.
 
-    exp(Z) ~ D^-1 (1 + Z/3) with D = 1 - 2 Z/3 + Z^2/6, so phi_1 ~ D^-1 (1 - Z/6). D is work space.
+    exp(Z) ~ D^-1 (1 + Z/3) with D = 1 - 2 Z/3 + Z^2/6, so phi_1 ~ D^-1 (1 - Z/6). Solved after Gauss and
+    Jordan; D is work space. All have twelve columns, of which four are used.
     """
     for i in range(N_F):
-        for j in range(N_F):
-            total = 0.0
-            for k in range(N_F):
-                total += Z[i, k] * Z[k, j]
-            D[i, j] = total / 6.0 - Z[i, j] * (2.0 / 3.0)
-            phi[i, j] = -Z[i, j] / 6.0
+        square = (Z[i, 0] * quad(Z, 0) + Z[i, 1] * quad(Z, 1)) + (Z[i, 2] * quad(Z, 2) + Z[i, 3] * quad(Z, 3))
+        put(D, i, (1.0 / 6.0) * square - (2.0 / 3.0) * quad(Z, i))
+        put(phi, i, (-1.0 / 6.0) * quad(Z, i))
         D[i, i] += 1.0
         phi[i, i] += 1.0
     for k in range(N_F):
         pivot = 1.0 / D[k, k]
-        for i in range(k + 1, N_F):
-            factor = D[i, k] * pivot
-            for j in range(k + 1, N_F):
-                D[i, j] -= factor * D[k, j]
-            for j in range(N_F):
-                phi[i, j] -= factor * phi[k, j]
-    for i in range(N_F - 1, -1, -1):
-        pivot = 1.0 / D[i, i]
-        for j in range(N_F):
-            total = phi[i, j]
-            for k in range(i + 1, N_F):
-                total -= D[i, k] * phi[k, j]
-            phi[i, j] = total * pivot
+        d, p = pivot * quad(D, k), pivot * quad(phi, k)
+        for i in range(N_F):
+            if i != k:
+                put(phi, i, quad(phi, i) - D[i, k] * p)
+                put(D, i, quad(D, i) - D[i, k] * d)
+        put(phi, k, p)
+        put(D, k, d)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -228,56 +176,6 @@ def _fast(h: float, push: float, kept: Filter, room: Room) -> None:  # pragma: n
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _fast_rows(M: Array, A: Array, i: int) -> None:  # pragma: no cover - compiled
-    """Replace the first four of the twelve rows of A from row i on, X, by M X."""
-    first = row(A, i)
-    a, b, c, d = M[0, 0] * first, M[1, 0] * first, M[2, 0] * first, M[3, 0] * first
-    for k in range(1, N_X):
-        other = row(A, i + k)
-        a, b, c, d = a + M[0, k] * other, b + M[1, k] * other, c + M[2, k] * other, d + M[3, k] * other
-    put(A, i, a)
-    put(A, i + 1, b)
-    put(A, i + 2, c)
-    put(A, i + 3, d)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _spread(slow: Slow, creep: float, C: Array, room: Room) -> None:  # pragma: no cover - compiled
-    """Replace C by T (C + N) T' with T = S M S, M in `room.M`; N is the noise `creep` of the creep.
-
-    The products are of rows only, one before and one after transposing. What rounding leaves of a
-    difference between the triangles is levelled out.
-    """
-    work, M, turned, noise = room.all, room.M, N_F, room.rest
-    _slow_rows(slow, C, 0)
-    _fast_rows(M, C, 0)
-    _slow_rows(slow, C, 0)
-    transpose(C, 0, work, turned)
-    _slow_rows(slow, work, turned)
-    _fast_rows(M, work, turned)
-    _slow_rows(slow, work, turned)
-    transpose(work, turned, C, 0)
-    _noise_of_creep(slow, M, noise)
-    n = row(noise, 0)
-    for i in range(N_X):
-        put(C, i, 0.5 * (row(C, i) + row(work, turned + i)) + (creep * noise[0, i]) * n)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _noise_of_creep(slow: Slow, M: Array, n: Array) -> None:  # pragma: no cover - compiled
-    """Write to n[0] what a unit of common creep becomes that comes in before the fast step.
-
-    The fast step damps it as it damps the creep itself.
-    """
-    for i in range(N_F):
-        n[0, i] = M[i, L_L] + M[i, L_R]
-    for i in range(N_F, N_X):
-        n[0, i] = 0.0
-    n[0, PSI], n[0, Y] = slow.h * n[0, R], slow.h * n[0, U]
-    n[0, THETA] = slow.w_L * n[0, L_L] + slow.w_R * n[0, L_R]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _add_noise(  # pragma: no cover - compiled
     noise: Noise, h: float, over_track: Array, x: Array, C: Array
 ) -> None:
@@ -311,58 +209,19 @@ def predict(  # pragma: no cover - compiled
     x, over_track = kept.x, kept.over_track
     v = max(v, car.v_min)
     track_step(track, v, h, over_track)
-    slow = _slow_matrix(car, held, v, 0.5 * h, over_track)
-    _slow(slow, x)
-    _fast(h, 0.0 if held else torque * car.r_R / (v * car.I_R), kept, room)
-    _slow(slow, x)
+    slow = slow_transition(car, held, v, 0.5 * h, over_track)
     common = W_creep if held else noise.W_torque * (car.r_R / (v * (car.I_L + car.I_R))) ** 2
-    _spread(slow, h * common, kept.C, room)
+    add_noise_of_creep(slow, h * common, kept.C)
+    move_slow(slow, x)
+    _fast(h, 0.0 if held else torque * car.r_R / (v * car.I_R), kept, room)
+    move_slow(slow, x)
+    spread(slow, room.M, kept.C, room.all)
     _add_noise(noise, h, over_track, x, kept.C)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _joseph(R_e: float, gain: float, C: Array, work: Array) -> None:  # pragma: no cover - compiled
-    """Replace C by (1 - K H) C (1 - K H)' + K R_e K', by two products of vectors of equal triangles.
-
-    `work` has H in its first row, C H' in its second; K = gain C H'.
-    """
-    root, K, c = math.sqrt(gain), gain * row(work, 1), row(work, 1)
-    w = root * c
-    put(work, 2, w)
-    left = 0.0 * w
-    for i in range(N_X):
-        less = row(C, i) - work[2, i] * w
-        left = left + work[0, i] * less
-        put(C, i, less)
-    u = 0.5 * (R_e * K - left)
-    put(work, 1, u)
-    put(work, 2, K)
-    for i in range(N_X):
-        put(C, i, row(C, i) + (work[1, i] * K + work[2, i] * u))
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _correct(  # pragma: no cover - compiled
-    e: float, R_e: float, x: Array, C: Array, work: Array
-) -> float:
-    """Take an innovation e with the row H into x and C, Joseph's form; return its variance.
-
-    `work` (4, 12) has H in its first row.
-    """
-    c = work[0, 0] * row(C, 0)
-    for k in range(1, N_X):
-        c = c + work[0, k] * row(C, k)
-    S_e = R_e + total(row(work, 0) * c)
-    gain = 1.0 / S_e
-    put(x, 0, row(x, 0) + (gain * e) * c)
-    put(work, 1, c)
-    _joseph(R_e, gain, C, work)
-    return S_e
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _row_of(J: Array, i: int, x: Array, x0: Array, H: Array) -> float:  # pragma: no cover - compiled
-    """Copy row i of J to the first row of H; return by how much the value of that row has moved from x0 to x."""
+    """Copy row i of J to the first of H; return by how much the value of that row has moved from x0 to x."""
     partials = row(J, i)
     put(H, 0, partials)
     return total(partials * (row(x, 0) - row(x0, 0)))
@@ -373,7 +232,7 @@ def _measure(  # pragma: no cover - compiled
     noise: Noise, held: bool, torque: float, z_yaw: float, z_acc: float, kept: Filter, room: Array,
     told: Array,
 ) -> None:  # fmt: skip
-    """Take a sample (NaN: not usable) and the torque of a held creep into the state, one number after the other."""
+    """Take a sample (NaN: not usable) and the torque of a held creep into the state, one after the other."""
     x, C, x0, f, J = kept.x, kept.C, kept.x0, kept.f, kept.J
     if not math.isnan(z_yaw):
         for j in range(N_X):
@@ -381,7 +240,7 @@ def _measure(  # pragma: no cover - compiled
         room[0, R] = 1.0
         room[0, B_G] = 1.0
         e = z_yaw - x[R] - x[B_G]
-        S_e = _correct(e, noise.R_yaw, x, C, room)
+        S_e = correct(e, noise.R_yaw, x, C, room)
         told[LOG_L] -= 0.5 * (math.log(S_e) + e * e / S_e)
         told[SQUARE] += e * e / S_e
         told[COUNT] += 1.0
@@ -389,14 +248,14 @@ def _measure(  # pragma: no cover - compiled
     if not math.isnan(z_acc):
         e = z_acc - x[B_A] - f[U] - _row_of(J, U, x, x0, room)
         room[0, B_A] = 1.0
-        S_e = _correct(e, noise.R_acc, x, C, room)
+        S_e = correct(e, noise.R_acc, x, C, room)
         told[LOG_L] -= 0.5 * (math.log(S_e) + e * e / S_e)
         told[SQUARE] += e * e / S_e
         told[COUNT] += 1.0
         told[E_ACC], told[S_ACC] = e, S_e
     if held and not math.isnan(torque):
         e = torque - f[TORQUE] - _row_of(J, TORQUE, x, x0, room)
-        S_e = _correct(e, noise.R_torque, x, C, room)
+        S_e = correct(e, noise.R_torque, x, C, room)
         told[LOG_L] -= 0.5 * e * e / S_e
 
 

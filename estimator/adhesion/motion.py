@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.creep_law import creep_force, creep_scale
+from estimator.adhesion.creep_law import Rail, creep_force, creep_scale
 
 __all__ = ["STATES", "Vehicle", "linearise"]
 
@@ -31,6 +31,8 @@ Force = tuple[float, float, float, float]
 STATES = ("u", "r", "l_L", "l_R", "psi", "y", "theta", "p", "q", "s", "b_g", "b_a")
 U, R, L_L, L_R, PSI, Y, THETA, P, Q, S, B_G, B_A = range(12)
 N_X = 12
+#: The fast states.
+N_F = 4
 #: Rows of a linearisation: rates of the fast states, which come first, and the torque on the wheels.
 TORQUE = 4
 #: Variance of the creepage over `creep_scale` squared from which forces are averaged over it.
@@ -64,7 +66,7 @@ class Vehicle(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def mean_force(  # pragma: no cover - compiled
-    rail: Array, patch: Array, v: float, a: float, variance: float, b: float, s: float
+    rail: Rail, patch: Array, v: float, a: float, variance: float, b: float, s: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Return the mean of `creep_force` over a creepage along the rail of mean a and a variance.
 

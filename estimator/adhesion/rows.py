@@ -14,12 +14,14 @@ through an array of more dimensions.
 from __future__ import annotations
 
 import operator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +35,7 @@ _QUAD = ir.VectorType(_F64, _WIDTH)
 _I32 = ir.IntType(32)
 
 
-class _Row(types.Type):  # type: ignore[misc]
+class _Row(types.Type):
     """A row of `quads` times four numbers."""
 
     def __init__(self, quads: int) -> None:
@@ -45,11 +47,11 @@ _ROW, _SHORT = _Row(_COLUMNS // _WIDTH), _Row(1)
 
 
 @register_model(_Row)
-class _RowModel(models.PrimitiveModel):  # type: ignore[misc]
+class _RowModel(models.PrimitiveModel):
     """Vectors of four."""
 
     def __init__(self, dmm: Any, fe_type: _Row) -> None:
-        super().__init__(dmm, fe_type, ir.ArrayType(_QUAD, fe_type.quads))
+        super().__init__(dmm, fe_type, ir.ArrayType(_QUAD, fe_type.quads))  # type: ignore[no-untyped-call]
 
 
 def _address(context: Any, builder: Any, signature: Any, A: Any, i: Any, quad: int) -> Any:
@@ -78,7 +80,7 @@ def _reader(kind: _Row) -> Any:
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             found = cgutils.get_null_value(context.get_value_type(kind))
             for n in range(kind.quads):
-                at = _address(context, builder, signature, *args, n)
+                at = _address(context, builder, signature, args[0], args[1], n)
                 found = builder.insert_value(found, builder.load(at, align=8), n)
             return found
 
@@ -87,12 +89,8 @@ def _reader(kind: _Row) -> Any:
     return intrinsic(read)
 
 
-row = _reader(_ROW)
-quad = _reader(_SHORT)
-
-
 @intrinsic
-def put(typing: Any, A: Any, i: Any, r: Any) -> Any:
+def _put(typing: Any, A: Any, i: Any, r: Any) -> Any:
     """Write the row r to row i of the matrix A of twelve columns."""
     del typing
     if not (_is_matrix(A) and isinstance(i, types.Integer) and isinstance(r, _Row)):
@@ -100,7 +98,7 @@ def put(typing: Any, A: Any, i: Any, r: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         for n in range(r.quads):
-            at = _address(context, builder, signature, *args[:2], n)
+            at = _address(context, builder, signature, args[0], args[1], n)
             builder.store(builder.extract_value(args[2], n), at, align=8)
         return context.get_dummy_value()
 
@@ -108,7 +106,7 @@ def put(typing: Any, A: Any, i: Any, r: Any) -> Any:
 
 
 @intrinsic
-def total(typing: Any, r: Any) -> Any:
+def _total(typing: Any, r: Any) -> Any:
     """Return the sum of a row: of its quads first, then of pairs."""
     del typing
     if not isinstance(r, _Row):
@@ -126,10 +124,10 @@ def total(typing: Any, r: Any) -> Any:
 
 
 @intrinsic
-def transpose(typing: Any, A: Any, i: Any, B: Any, j: Any) -> Any:
+def _transpose(typing: Any, A: Any, i: Any, B: Any, j: Any) -> Any:
     """Write the rows of A from i on as columns to B from row j on, twelve of each; A and B do not overlap."""
     del typing
-    if not (_is_matrix(A) and _is_matrix(B) and isinstance(i, types.Integer) and isinstance(j, types.Integer)):
+    if not (_is_matrix(A) and _is_matrix(B) and all(isinstance(at, types.Integer) for at in (i, j))):
         return None
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -160,7 +158,12 @@ def _turned(builder: Any, block: list[Any]) -> list[Any]:
     low = [mixed(block[k], block[k + 1], [0, 4, 2, 6]) for k in (0, 2)]
     high = [mixed(block[k], block[k + 1], [1, 5, 3, 7]) for k in (0, 2)]
     first, last = [0, 1, 4, 5], [2, 3, 6, 7]
-    return [mixed(*low, first), mixed(*high, first), mixed(*low, last), mixed(*high, last)]
+    return [
+        mixed(low[0], low[1], first),
+        mixed(high[0], high[1], first),
+        mixed(low[0], low[1], last),
+        mixed(high[0], high[1], last),
+    ]
 
 
 def _spread(builder: Any, number: Any) -> Any:
@@ -206,7 +209,7 @@ def _overload(of: Callable[..., object], instruction: str, *, numbers: bool) -> 
     def implementation(a: Any, b: Any) -> Any:
         given = [isinstance(kind, _Row) for kind in (a, b)]
         number = [isinstance(kind, types.Float) for kind in (a, b)]
-        if all(given) and a == b or numbers and any(given) and any(number):
+        if (all(given) and a == b) or (numbers and any(given) and any(number)):
             return both
         return None
 
@@ -216,3 +219,10 @@ def _overload(of: Callable[..., object], instruction: str, *, numbers: bool) -> 
 _overload(operator.add, "fadd", numbers=False)
 _overload(operator.sub, "fsub", numbers=False)
 _overload(operator.mul, "fmul", numbers=True)
+
+Array = NDArray[np.float64]
+row: Callable[[Array, int], Any] = _reader(_ROW)
+quad: Callable[[Array, int], Any] = _reader(_SHORT)
+put: Callable[[Array, int, Any], None] = cast("Any", _put)
+total: Callable[[Any], float] = cast("Any", _total)
+transpose: Callable[[Array, int, Array, int], None] = cast("Any", _transpose)
