@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -16,7 +18,7 @@ from estimator.adhesion.curves import REGIONS, curves_of
 from estimator.adhesion.ekf import Noise, Track
 from estimator.adhesion.evidence import Belief, Judgement, Rules
 from estimator.adhesion.fuzzy import FuzzyIdentifier
-from estimator.adhesion.hypotheses import Hypothesis, with_torque, without_torque
+from estimator.adhesion.hypotheses import Hypothesis, rail_of, with_torque, without_torque
 from estimator.adhesion.motion import Vehicle
 from estimator.adhesion.online import bank_step, judge_blocks, new_judgement, new_work, rate_of
 from estimator.adhesion.renewal import renew
@@ -34,13 +36,17 @@ if TYPE_CHECKING:
     from estimator.track_spectrum import TrackSpectrum
     from fmu_wheelset.parameters import RailCondition
 
-__all__ = ["AdhesionBank"]
+__all__ = ["BIAS", "PATCHES", "AdhesionBank"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 #: Length of a block, s: how often evidence is weighed.
 BLOCK = 0.01
+#: Standard deviations of the offsets of gyro (rad/s) and accelerometer (m/s2) that are usually expected.
+BIAS = (1e-3, 0.05)
+#: Sizes of the contact patches over that of the wheelset that are usually held possible.
+PATCHES = (0.93, 1.0, 1.07)
 #: Time over which friction within a condition changes, s.
 _FRICTION_TIME = 1.0
 #: Time from one renewal of the hopeless filters to the next, s.
@@ -52,6 +58,8 @@ _FAR = 0.01
 #: What a torque leaves open over load times radius: rms on a held creep, and root of the intensity of the
 #: noise on a driving one, s^.5.
 _TORQUE_RMS, _TORQUE_NOISE = 6.25e-3, 1.25e-5
+#: How much less likely than another condition it is that the patch becomes another one.
+_OTHER_PATCH = 1e-3
 _BOTH = np.ones(2, dtype=np.bool_)
 
 
@@ -70,6 +78,8 @@ class AdhesionBank:
     dwell : mean time for which a hypothesis holds, s.
     friction : standard deviation of the friction's logarithm within a condition.
     bias : standard deviations of the offsets of gyro (rad/s) and accelerometer (m/s2); 0: none.
+    patches : sizes of the contact patches that are held possible, over that of the wheelset. They take part
+        in the usual hypotheses, and last when the condition changes.
     """
 
     def __init__(
@@ -84,7 +94,8 @@ class AdhesionBank:
         window: float | None = None,
         dwell: float = 20.0,
         friction: float = 0.05,
-        bias: tuple[float, float] = (0.0, 0.0),
+        bias: tuple[float, float] = BIAS,
+        patches: Sequence[float] = PATCHES,
     ) -> None:
         if not (math.isfinite(h) and h > 0.0):
             raise ValueError(
@@ -103,7 +114,11 @@ class AdhesionBank:
                     f"adhesion bank: got the condition {side!r}, expected one of "
                     f"{', '.join(self.conditions)}; define it among the conditions"
                 )
-        self._curves = curves_of(list(self.conditions.values()), self.wheelset)
+        self.patches = tuple(patches)
+        usual = (*with_torque(self.conditions, self.patches), *without_torque(self.conditions, self.patches))
+        rails = {(side, h.patch) for h in self._hypotheses or usual for side in h.sides}
+        self._rails = {key: rail_of(self.conditions[key[0]], key[1]) for key in sorted(rails)}
+        self._curves = curves_of(list(self._rails.values()), self.wheelset)
         self.block = max(round(BLOCK / h), 1)
         self.reset()
 
@@ -111,7 +126,8 @@ class AdhesionBank:
         """Return what is held possible, in the order of the results."""
         if self._hypotheses is not None:
             return self._hypotheses
-        return with_torque(self.conditions) if torque_known else without_torque(self.conditions)
+        usual = with_torque if torque_known else without_torque
+        return usual(self.conditions, self.patches)
 
     def run(self, log: Log, *, every: float = BLOCK, workers: int | None = None) -> AdhesionIdentification:
         """Identify over a log.
@@ -229,8 +245,7 @@ class AdhesionBank:
         """Return what the filters read."""
         w, track, noise = self.wheelset, self.track, self.noise
         patch = patch_row(w.patch, w.N)
-        rows = {name: rail_row(condition) for name, condition in self.conditions.items()}
-        names = list(self.conditions)
+        rows = {key: rail_row(rail) for key, rail in self._rails.items()}
         car = Vehicle(
             patch=patch, m=w.m_w, I_z=w.I_w, L_g=w.L_g, cone=w.gamma / w.r0,
             r_L=w.r0 + 0.5 * w.delta_r, r_R=w.r0 - 0.5 * w.delta_r, I_L=w.I_L, I_R=w.I_R,
@@ -255,35 +270,47 @@ class AdhesionBank:
             ),
             prior=Prior(s=self.friction, b_g=self.bias[0], b_a=self.bias[1]),
             curves=self._curves,
-            rails=np.array([[rows[side] for side in h.sides] for h in hypotheses]),
+            rails=np.array([[rows[side, h.patch] for side in h.sides] for h in hypotheses]),
             held=np.array([h.branch == "held" for h in hypotheses]),
             creep=np.array([h.creep for h in hypotheses]),
             W_creep=np.array(
-                [0.01 * (h.creep * 6.0 * creep_scale(rows[h.condition], patch)) ** 2 for h in hypotheses]
+                [
+                    0.01 * (h.creep * 6.0 * creep_scale(rows[h.condition, h.patch], patch)) ** 2
+                    for h in hypotheses
+                ]
             ),
-            curve=np.array([[names.index(side) for side in h.sides] for h in hypotheses], dtype=np.int64),
+            curve=self._places(hypotheses),
             h=self.h,
             block=self.block,
             quiet=np.array([0.05, 1.25]),
             far=_FAR,
         )
 
+    def _places(self, hypotheses: Sequence[Hypothesis]) -> NDArray[np.int64]:
+        """Return the places (n, 2) of the rails of each hypothesis among the curves."""
+        keys = list(self._rails)
+        return np.array(
+            [[keys.index((side, h.patch)) for side in h.sides] for h in hypotheses], dtype=np.int64
+        )
+
     def rules(self, hypotheses: Sequence[Hypothesis]) -> Rules:
         """Return how the evidence is weighed."""
         names = list(self.conditions)
         block = self.block * self.h
-        weights = np.array([1.0 if h.branch == "driven" or h.creep <= 1.0 else 0.1 for h in hypotheses])
+        alike = Counter(replace(h, patch=1.0) for h in hypotheses)
+        weights = np.array([(0.1 if h.past_peak else 1.0) / alike[replace(h, patch=1.0)] for h in hypotheses])
         none = 0.01
         prior = np.append((1.0 - none) * weights / weights.sum(), none)
         return Rules(
             curves=self._curves,
             prior=prior,
             change=-math.expm1(-block / self.dwell),
+            turn=_turns(hypotheses, prior),
             clip=10.0,
             none=2.0,
             window=0 if self.window is None else max(round(self.window / block), 1),
             condition=np.array([names.index(h.condition) for h in hypotheses], dtype=np.int64),
-            curve=np.array([[names.index(side) for side in h.sides] for h in hypotheses], dtype=np.int64),
+            curve=self._places(hypotheses),
             load=self.wheelset.N * 2.0 * self.wheelset.r0,
             spread=0.006,
             doubt=0.1,
@@ -326,3 +353,14 @@ class AdhesionBank:
             conditions=tuple(self.conditions),
             hypotheses=tuple(h.name for h in hypotheses),
         )
+
+
+def _turns(hypotheses: Sequence[Hypothesis], prior: Array) -> Array:
+    """Return how likely each hypothesis (column) is to follow each other, (n + 1, n + 1); rows sum to 1.
+
+    A rail changes, a contact patch does not: it lasts, but where it does not show.
+    """
+    patch = np.array([math.nan if h.past_peak else h.patch for h in hypotheses] + [math.nan])
+    other = np.abs(patch[:, None] - patch) > 0.0
+    likely = prior * np.where(other, _OTHER_PATCH, 1.0)
+    return np.asarray(likely / likely.sum(axis=1, keepdims=True))

@@ -310,6 +310,8 @@ def filter_step(  # pragma: no cover - compiled
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
     kept.torque[0] = torque
     told[ON_WHEELS] = kept.f[TORQUE]
-    _measure(noise, held, torque, z_yaw, z_acc, kept, room.M, told)
+    # A wheelset that stands says nothing of its rail.
+    if v >= car.v_min:
+        _measure(noise, held, torque, z_yaw, z_acc, kept, room.M, told)
     put(x0, 0, row(x, 0))
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)

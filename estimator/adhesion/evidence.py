@@ -25,8 +25,9 @@ Indices = NDArray[np.int64]
 class Rules(NamedTuple):
     """How evidence is weighed; n hypotheses, c conditions, "none of these" comes last.
 
-    `prior` (n + 1,). `change` probability that a block begins with another hypothesis. `clip` greatest
-    log-likelihood ratio that one block may add. `none` variance of the innovations over what the filters
+    `prior` (n + 1,). `change` probability that a block begins with another hypothesis,
+    `turn` (n + 1, n + 1) how likely each (column) is then after each (row). `clip` greatest log-likelihood
+    ratio that one block may add. `none` variance of the innovations over what the filters
     expect, if none of them is right. `window` blocks of the moving window, 0 for recursive evidence.
     `condition` (n,) condition of each hypothesis. `curve` (n, 2). `load` normal load times radius on both
     wheels, N m. `spread` standard deviation of the peak's logarithm that the model leaves. `doubt` greatest
@@ -38,6 +39,7 @@ class Rules(NamedTuple):
     curves: Curves
     prior: Array
     change: float
+    turn: Array
     clip: float
     none: float
     window: int
@@ -103,30 +105,35 @@ def _likelihoods(rules: Rules, belief: Belief, told: Array, log_l: Array) -> Non
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _update(rules: Rules, belief: Belief, k: int, log_l: Array) -> None:  # pragma: no cover - compiled
-    """Take the log-likelihoods of block k into the probabilities."""
-    n = log_l.shape[0]
-    highest, total = -math.inf, 0.0
-    if rules.window > 0:
-        row = belief.history[k % rules.window]
-        for i in range(n):
-            belief.total[i] += log_l[i] - row[i]
-            row[i] = log_l[i]
+def _slide(rules: Rules, belief: Belief, k: int, log_l: Array) -> None:  # pragma: no cover - compiled
+    """Take the log-likelihoods of block k into the sums over the moving window."""
+    row = belief.history[k % rules.window]
+    for i in range(log_l.shape[0]):
+        belief.total[i] += log_l[i] - row[i]
+        row[i] = log_l[i]
         if k % rules.window == rules.window - 1:  # rounding does not pile up
-            for i in range(n):
-                belief.total[i] = 0.0
-                for j in range(rules.window):
-                    belief.total[i] += belief.history[j, i]
-        for i in range(n):
-            belief.p[i] = math.log(rules.prior[i]) + belief.total[i]
-    else:
-        for i in range(n):
-            expected = (1.0 - rules.change) * belief.p[i] + rules.change * rules.prior[i]
-            belief.p[i] = math.log(expected) + log_l[i]
+            belief.total[i] = 0.0
+            for j in range(rules.window):
+                belief.total[i] += belief.history[j, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _update(rules: Rules, belief: Belief, k: int, log_l: Array) -> None:  # pragma: no cover - compiled
+    """Take the log-likelihoods of block k into the probabilities; log_l (n + 1,) is lost."""
+    n = log_l.shape[0]
+    if rules.window > 0:
+        _slide(rules, belief, k, log_l)
     for i in range(n):
-        highest = max(highest, belief.p[i])
+        if rules.window > 0:
+            log_l[i] = math.log(rules.prior[i]) + belief.total[i]
+        else:
+            turned = 0.0
+            for j in range(n):
+                turned += belief.p[j] * rules.turn[j, i]
+            log_l[i] += math.log((1.0 - rules.change) * belief.p[i] + rules.change * turned)
+    highest, total = log_l.max(), 0.0
     for i in range(n):
-        belief.p[i] = math.exp(belief.p[i] - highest)
+        belief.p[i] = math.exp(log_l[i] - highest)
         total += belief.p[i]
     for i in range(n):
         belief.p[i] /= total

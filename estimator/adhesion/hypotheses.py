@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from fmu_wheelset.parameters import CONDITIONS
@@ -11,7 +11,9 @@ from fmu_wheelset.parameters import CONDITIONS
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["Hypothesis", "with_torque", "without_torque"]
+    from fmu_wheelset.parameters import RailCondition
+
+__all__ = ["Hypothesis", "rail_of", "with_torque", "with_unlike_rails", "without_torque"]
 
 #: Creeps over that of the peak with which filters start where nothing tells the creep.
 _CREEPS = (0.05, 0.3, 1.0, 1.7)
@@ -32,12 +34,14 @@ class Hypothesis:
     creep : of a held creep, where it starts, over the creep of the peak. Past 1 with a known torque: where
         the falling branch balances it.
     right : condition under the right wheel; None: the same.
+    patch : semi-axes of the contact patches over those of the wheelset.
     """
 
     condition: str
     branch: Literal["driven", "held"] = "driven"
     creep: float = 0.0
     right: str | None = None
+    patch: float = 1.0
 
     def __post_init__(self) -> None:
         if self.branch not in {"driven", "held"}:
@@ -50,6 +54,11 @@ class Hypothesis:
                 f"hypothesis: got a creep of {self.creep!r} times that of the peak, expected a finite "
                 f"number >= 0; 1 is the peak"
             )
+        if not (math.isfinite(self.patch) and self.patch > 0.0):
+            raise ValueError(
+                f"hypothesis: got a contact patch of {self.patch!r} times that of the wheelset, expected a "
+                f"finite number > 0; 1 is the patch of the wheelset"
+            )
 
     @property
     def sides(self) -> tuple[str, str]:
@@ -60,18 +69,60 @@ class Hypothesis:
     def name(self) -> str:
         """Name in results."""
         where = "/".join(dict.fromkeys(self.sides))
-        return f"{where} driven" if self.branch == "driven" else f"{where} held at {self.creep:g}"
+        how = f"{where} driven" if self.branch == "driven" else f"{where} held at {self.creep:g}"
+        return how if self.patch == 1.0 else f"{how} patch {self.patch:g}"
+
+    @property
+    def past_peak(self) -> bool:
+        """Whether the creep is held past the peak, where the size of the patch does not show."""
+        return self.branch == "held" and self.creep > 1.0
 
 
-def with_torque(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...]:
-    """Return the usual hypotheses where the torque is known: driven, and held past the peak."""
+def rail_of(condition: RailCondition, patch: float) -> RailCondition:
+    """Return the rail that acts on the usual patch as `condition` does on one `patch` times as large.
+
+    The area of the patch enters the creep law as a factor of Kalker's reductions alone.
+    """
+    return replace(condition, k_A=patch**2 * condition.k_A, k_S=patch**2 * condition.k_S)
+
+
+def with_torque(
+    conditions: Iterable[str] = CONDITIONS, patches: Iterable[float] = (1.0,)
+) -> tuple[Hypothesis, ...]:
+    """Return the usual hypotheses where the torque is known: driven, and held past the peak.
+
+    The driven ones for each of the sizes of the contact patch.
+    """
+    sizes = tuple(patches)
     return tuple(
         hypothesis
         for name in conditions
-        for hypothesis in (Hypothesis(name), Hypothesis(name, "held", _PAST))
+        for hypothesis in (
+            *(Hypothesis(name, patch=size) for size in sizes),
+            Hypothesis(name, "held", _PAST),
+        )
     )
 
 
-def without_torque(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...]:
-    """Return the usual hypotheses where the torque is not known: creeps from rolling to past the peak."""
-    return tuple(Hypothesis(name, "held", creep) for name in conditions for creep in _CREEPS)
+def with_unlike_rails(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...]:
+    """Return a driven hypothesis for each pair of rails under left and right wheel, like or unlike."""
+    names = tuple(conditions)
+    return tuple(
+        Hypothesis(left, right=None if left == right else right) for left in names for right in names
+    )
+
+
+def without_torque(
+    conditions: Iterable[str] = CONDITIONS, patches: Iterable[float] = (1.0,)
+) -> tuple[Hypothesis, ...]:
+    """Return the usual hypotheses where the torque is not known: creeps from rolling to past the peak.
+
+    Those below the peak for each of the sizes of the contact patch.
+    """
+    sizes = tuple(patches)
+    return tuple(
+        Hypothesis(name, "held", creep, patch=size)
+        for name in conditions
+        for creep in _CREEPS
+        for size in (sizes if creep < 1.0 else (1.0,))
+    )

@@ -72,6 +72,8 @@ def draw_accuracy(
             _bars(ax, x + nudge, shares, bank, line=numeric)
         if numeric and ratio > 30.0:
             decades(ax, "x")
+            shown = _apart(x)
+            ax.set_xticks(shown, [f"{value:g}" for value in shown])
         if not numeric:
             ax.set_xticks(x, [str(value).replace("_", " ") for value in values])
             ax.set_xlim(-0.5, len(values) - 0.5)
@@ -84,6 +86,15 @@ def draw_accuracy(
             ax.tick_params(labelleft=False)
     ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), title="bank")
     return sheet
+
+
+def _apart(x: Array) -> list[float]:
+    """Return those of the values (n,), rising, whose labels have room on a logarithmic axis."""
+    shown: list[float] = []
+    for value in x:
+        if not shown or np.log(value / shown[-1]) > 0.1 * np.log(x[-1] / x[0]):
+            shown.append(float(value))
+    return shown
 
 
 def draw_confusion(title: str, classes: Sequence[str], counts: Mapping[str, NDArray[np.int64]]) -> Sheet:

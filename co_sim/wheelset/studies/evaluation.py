@@ -108,6 +108,9 @@ def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
         h=log.h,
         window=window,
         friction=0.0,
+        bias=(0.0, 0.0),
+        patches=(1.0,),
+        conditions=trial.conditions,
     )
     return answer_of(bank.run(log, workers=1), log)
 

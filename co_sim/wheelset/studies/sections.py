@@ -141,10 +141,11 @@ def _grid_axes(study: Study, findings: Findings, what: str, banks: Sequence[str]
 
 
 def _crossed(study: Study, findings: Findings, what: str, banks: Sequence[str]) -> Iterator[Table]:
-    """Yield for each numeric quantity of the grid how often each class is right at each of its values."""
+    """Yield for each quantity of the grid how often each class is right at each of its values."""
     true = findings.column(what)
     for name, values in study.grid.items():
-        if len(values) < 2 or not all(type(value) in {int, float} for value in values):
+        # Points of the creep curve and flanges have tables of their own.
+        if len(values) < 2 or name in {what, "point", "flanges"}:
             continue
         of_case = findings.of_case(name)
         rows: list[tuple[Cell, ...]] = [
@@ -161,7 +162,8 @@ def _crossed(study: Study, findings: Findings, what: str, banks: Sequence[str]) 
             for bank in banks
         ]
         heading = name.replace("_", " ")
-        columns = (Column(f"true {what}"), Column("bank"), *(Column(f"{heading} {v:g}") for v in values))
+        texts = [f"{v:g}" if isinstance(v, int | float) else str(v).replace("_", " ") for v in values]
+        columns = (Column(f"true {what}"), Column("bank"), *(Column(f"{heading} {text}") for text in texts))
         yield Table(f"Windows right by true {what} and {heading}", columns, tuple(rows))
 
 

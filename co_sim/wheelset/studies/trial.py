@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from co_sim.wheelset.recordings import Journey, Profile, Stretch
 from co_sim.wheelset.sensors import SensorSpec
 from estimator import ERRI_B176, CreepCurve, RegionHypothesis
-from fmu_wheelset import CONDITIONS, WheelsetParameters
+from fmu_wheelset import CONDITIONS, RailCondition, WheelsetParameters
 
 __all__ = ["NOISE", "POINTS", "Trial"]
 
@@ -73,6 +73,7 @@ class Trial(BaseModel):
     yaw_stiffness: Factor = Field(1.0, description="true yaw stiffness over that of the filters, 1")
     conicity: Factor = Field(1.0, description="true conicity over that of the filters, 1")
     patch: Factor = Field(1.0, description="true semi-axes of the contact over those of the filters, 1")
+    friction: Factor = Field(1.0, description="true friction over that of the filters, on all rails, 1")
     load: Factor = Field(1.0, description="true normal load over that of the filters, 1")
     speed_error: Factor = Field(1.0, description="measured speed over the true one, 1")
     torque_error: Factor = Field(1.0, description="torque told to the filters over the true one, 1")
@@ -107,6 +108,11 @@ class Trial(BaseModel):
         )
 
     @property
+    def conditions(self) -> dict[str, RailCondition]:
+        """Rail conditions of the plant by name."""
+        return {name: replace(rail, mu_0=self.friction * rail.mu_0) for name, rail in CONDITIONS.items()}
+
+    @property
     def curve(self) -> CreepCurve:
         """Creep curve of the plant at the speed of the case, after a drop."""
         return self.curve_of(self.condition)
@@ -114,7 +120,7 @@ class Trial(BaseModel):
     def curve_of(self, condition: str) -> CreepCurve:
         """Return the creep curve of the plant on a rail, at the speed of the case."""
         wheelset = self.wheelset
-        return CreepCurve(CONDITIONS[condition], self.speed, wheelset.N, wheelset.patch)
+        return CreepCurve(self.conditions[condition], self.speed, wheelset.N, wheelset.patch)
 
     @property
     def creep(self) -> float:
@@ -130,9 +136,13 @@ class Trial(BaseModel):
     def journey(self, seed: int) -> Journey:
         """Return the journey of the plant, with random numbers from `seed`."""
         prescribed = self.manoeuvre == "prescribed"
-        rails = [Stretch(0.0, CONDITIONS[self.condition])]
+        conditions = self.conditions
+        rails = [Stretch(0.0, conditions[self.condition])]
         if self.manoeuvre == "drop":
-            rails = [Stretch(0.0, CONDITIONS[self.before]), Stretch(self.change, CONDITIONS[self.condition])]
+            rails = [
+                Stretch(0.0, conditions[self.before]),
+                Stretch(self.change, conditions[self.condition]),
+            ]
         return Journey(
             duration=self.duration,
             speed=self.speed,
