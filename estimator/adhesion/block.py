@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimator.adhesion.curves import landmarks
-from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE, Filter, filter_step
+from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE, Filter, filter_step, parted
 from estimator.adhesion.motion import L_L, L_R, N_X, S, Vehicle, Y
 from estimator.adhesion.start import start_creep, start_filter
 
@@ -146,7 +146,8 @@ def take_sample(  # pragma: no cover - compiled
         begin_filter(design, memory, i, v, torque)
     filter_step(
         design.car, design.track, design.noise, design.rails[i], design.held[i], design.W_creep[i], first,
-        design.h, v, v_dot, torque, z, usable, one(memory.filters, i), work, memory.told[i],
+        design.h, v, v_dot, torque, z[0] if usable[0] else math.nan, z[1] if usable[1] else math.nan,
+        one(memory.filters, i), parted(work), memory.told[i],
     )  # fmt: skip
 
 
@@ -189,8 +190,19 @@ def run_filter(  # pragma: no cover - compiled
     v: Array, v_dot: Array, torque: Array, z: Array, usable: Flags, work: Array, rows: Array,
     since: int, until: int,
 ) -> None:  # fmt: skip
-    """Run filter `i` over blocks `since` to before `until` of z (T, 2); writes rows (blocks, n, 13)."""
+    """Run filter `i` over blocks `since` to before `until` of z (T, 2); writes rows (blocks, n, 13).
+
+    Arrays are taken apart once: a view costs as much as many a line of the filter.
+    """
+    kept, room, told, rails = one(memory.filters, i), parted(work), memory.told[i], design.rails[i]
+    held, W_creep = design.held[i], design.W_creep[i]
+    if since == 0:
+        begin_filter(design, memory, i, v[0], torque[0])
     for k in range(since * design.block, until * design.block):
-        take_sample(design, memory, i, k == 0, v[k], v_dot[k], torque[k], z[k], usable[k], work)
+        filter_step(
+            design.car, design.track, design.noise, rails, held, W_creep, k == 0, design.h,
+            v[k], v_dot[k], torque[k], z[k, 0] if usable[k, 0] else math.nan,
+            z[k, 1] if usable[k, 1] else math.nan, kept, room, told,
+        )  # fmt: skip
         if (k + 1) % design.block == 0:
             end_block(design, memory, i, v[k], torque[k], rows[k // design.block, i])

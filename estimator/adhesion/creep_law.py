@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["creep_force", "patch_row", "rail_row"]
 
 Array = NDArray[np.float64]
+#: What describes the rail under one wheel: a row of `rail_row`, or its numbers.
+Rail = Array | tuple[float, float, float, float, float]
 
 #: Columns of a row that describes the rail under one wheel.
 _K_A, _K_S, _MU_0, _A, _B = range(5)
@@ -46,7 +48,7 @@ def patch_row(patch: ContactPatch, N: float) -> Array:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def creep_force(  # pragma: no cover - compiled
-    rail: Array, patch: Array, v: float, a: float, b: float, s: float
+    rail: Rail, patch: Array, v: float, a: float, b: float, s: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Return ``f_x, f_y`` (N) and the partials ``f_x_a, f_x_b, f_y_a, f_y_b, f_x_s, f_y_s``.
 
@@ -63,21 +65,25 @@ def creep_force(  # pragma: no cover - compiled
     mu = falling + level * rail[_A]
     eps = kappa * chi / mu
     alpha, sigma = k_A * eps, k_S * eps
-    stick, slip = 1.0 / (1.0 + alpha * alpha), 1.0 / (1.0 + sigma * sigma)
+    # One division for both 1/(1 + alpha^2) and 1/(1 + sigma^2).
+    alpha_2, sigma_2 = 1.0 + alpha * alpha, 1.0 + sigma * sigma
+    both = 1.0 / (alpha_2 * sigma_2)
+    stick, slip = sigma_2 * both, alpha_2 * both
     shape = alpha * stick + math.atan(sigma)
     slope = k_A * (1.0 - alpha * alpha) * stick * stick + k_S * slip
 
-    scale = 2.0 * patch[_LOAD] / math.pi
+    scale = (2.0 / math.pi) * patch[_LOAD]
     F = scale * mu * shape
     F_mu = scale * (shape - eps * slope)
     F_creep = -rail[_B] * v * falling * F_mu
-    F_chi = scale * kappa * slope
+    F_chi = scale * kappa * slope / chi
 
-    x, y = a / creep, b / creep
-    F_a = F_creep * x + F_chi * C11_2 * a / chi
-    F_b = F_creep * y + F_chi * C22_2 * b / chi
+    over_creep = 1.0 / creep
+    x, y = a * over_creep, b * over_creep
+    F_a = F_creep * x + F_chi * C11_2 * a
+    F_b = F_creep * y + F_chi * C22_2 * b
     F_s = F_mu * mu
-    secant = F / creep
+    secant = F * over_creep
     return (
         F * x,
         F * y,
@@ -91,7 +97,7 @@ def creep_force(  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def creep_scale(rail: Array, patch: Array) -> float:  # pragma: no cover - compiled
+def creep_scale(rail: Rail, patch: Array) -> float:  # pragma: no cover - compiled
     """Return the creepage at which the initial slope would reach the friction: where the law bends."""
     slope = patch[_KAPPA] * math.sqrt(patch[_C11_2]) * (rail[_K_A] + rail[_K_S])
     return float(rail[_MU_0] / slope)

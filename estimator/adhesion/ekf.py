@@ -17,14 +17,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from estimator.adhesion.correction import correct
 from estimator.adhesion.motion import (
     B_A,
     B_G,
-    L_L,
     L_R,
+    N_F,
     N_X,
-    PSI,
-    THETA,
     TORQUE,
     P,
     Q,
@@ -35,13 +34,13 @@ from estimator.adhesion.motion import (
     Y,
     linearise,
 )
+from estimator.adhesion.rows import put, quad, row, total
+from estimator.adhesion.transition import Slow, add_fast_noise, drift, move_slow, slow_transition, spread
 
-__all__ = ["Filter", "Noise", "Track", "filter_step", "new_filter"]
+__all__ = ["Filter", "Noise", "Room", "Track", "filter_step", "new_filter", "parted"]
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
-N_F = 4
 #: What a step tells.
 LOG_L, SQUARE, COUNT, E_YAW, S_YAW, E_ACC, S_ACC, ON_WHEELS = range(8)
 
@@ -88,6 +87,23 @@ class Filter(NamedTuple):
     torque: Array
 
 
+class Room(NamedTuple):
+    """Work space of a step (5, 4, 12), and its parts."""
+
+    all: Array
+    M: Array
+    Z: Array
+    phi: Array
+    ramp: Array
+    D: Array
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def parted(work: Array) -> Room:  # pragma: no cover - compiled
+    """Return the parts of a work space (5, 4, 12)."""
+    return Room(work, work[0], work[1], work[2], work[3], work[4])
+
+
 def new_filter() -> Filter:
     """Return the memory of a filter before its start."""
     return Filter(
@@ -101,75 +117,35 @@ def new_filter() -> Filter:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _slow(  # pragma: no cover - compiled
-    car: Vehicle, held: bool, v: float, h: float, over_track: Array, x: Array, M: Array
-) -> None:
-    """Advance the slow states by h with the fast ones held, in x (12,) and the covariance M (12, 12)."""
-    e_p, e_q, c_pq = over_track[1], over_track[2], over_track[3]
-    w_L = 0.0 if held else -h * v / car.r_L
-    w_R = 0.0 if held else h * v / car.r_R
-    d_q = e_q - 1.0
-    rest = 0.0 if held else w_L + w_R
-    x[PSI] += h * x[R]
-    x[Y] += h * x[U] - d_q * x[Q] - c_pq * x[P]
-    x[THETA] += w_L * x[L_L] + w_R * x[L_R] + rest
-    x[Q] = e_q * x[Q] + c_pq * x[P]
-    x[P] *= e_p
-    for j in range(N_X):
-        M[PSI, j] += h * M[R, j]
-        M[Y, j] += h * M[U, j] - d_q * M[Q, j] - c_pq * M[P, j]
-        M[THETA, j] += w_L * M[L_L, j] + w_R * M[L_R, j]
-        M[Q, j] = e_q * M[Q, j] + c_pq * M[P, j]
-        M[P, j] *= e_p
-    for i in range(N_X):
-        M[i, PSI] += h * M[i, R]
-        M[i, Y] += h * M[i, U] - d_q * M[i, Q] - c_pq * M[i, P]
-        M[i, THETA] += w_L * M[i, L_L] + w_R * M[i, L_R]
-        M[i, Q] = e_q * M[i, Q] + c_pq * M[i, P]
-        M[i, P] *= e_p
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _exponential(Z: Array, phi: Array, ramp: Array, D: Array) -> None:  # pragma: no cover - compiled
     """Write phi_1(Z) and 2 phi_2(Z) - phi_1(Z) of a 4 x 4 matrix by the (1, 2) Pade approximant of exp.
 
     phi_1 = (exp(Z) - 1)/Z and phi_2 = (phi_1 - 1)/Z. exp(Z) ~ D^-1 (1 + Z/3) with D = 1 - 2 Z/3 + Z^2/6, so
-    phi_1 ~ D^-1 (1 - Z/6) and 2 phi_2 - phi_1 ~ -D^-1 Z/6. D is work space.
+    phi_1 ~ D^-1 (1 - Z/6) and 2 phi_2 - phi_1 ~ -D^-1 Z/6. Solved after Gauss and Jordan; D is work space.
+    All have twelve columns, of which four are used.
     """
     for i in range(N_F):
-        for j in range(N_F):
-            total = 0.0
-            for k in range(N_F):
-                total += Z[i, k] * Z[k, j]
-            D[i, j] = total / 6.0 - Z[i, j] * (2.0 / 3.0)
-            phi[i, j] = 0.0
-            ramp[i, j] = -Z[i, j] / 6.0
+        square = (Z[i, 0] * quad(Z, 0) + Z[i, 1] * quad(Z, 1)) + (Z[i, 2] * quad(Z, 2) + Z[i, 3] * quad(Z, 3))
+        put(D, i, (1.0 / 6.0) * square - (2.0 / 3.0) * quad(Z, i))
+        put(ramp, i, (-1.0 / 6.0) * quad(Z, i))
+        put(phi, i, quad(ramp, i))
         D[i, i] += 1.0
-        phi[i, i] = 1.0
+        phi[i, i] += 1.0
     for k in range(N_F):
         pivot = 1.0 / D[k, k]
-        for i in range(k + 1, N_F):
-            factor = D[i, k] * pivot
-            for j in range(k + 1, N_F):
-                D[i, j] -= factor * D[k, j]
-            for j in range(N_F):
-                phi[i, j] -= factor * phi[k, j]
-                ramp[i, j] -= factor * ramp[k, j]
-    for i in range(N_F - 1, -1, -1):
-        pivot = 1.0 / D[i, i]
-        for j in range(N_F):
-            one, other = phi[i, j], ramp[i, j]
-            for k in range(i + 1, N_F):
-                one -= D[i, k] * phi[k, j]
-                other -= D[i, k] * ramp[k, j]
-            phi[i, j], ramp[i, j] = one * pivot, other * pivot
-    for i in range(N_F):
-        for j in range(N_F):
-            phi[i, j] += ramp[i, j]
+        d, p, r = pivot * quad(D, k), pivot * quad(phi, k), pivot * quad(ramp, k)
+        for i in range(N_F):
+            if i != k:
+                put(phi, i, quad(phi, i) - D[i, k] * p)
+                put(ramp, i, quad(ramp, i) - D[i, k] * r)
+                put(D, i, quad(D, i) - D[i, k] * d)
+        put(phi, k, p)
+        put(ramp, k, r)
+        put(D, k, d)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def track_step(track: Track, v: float, h: float, out: Array) -> None:  # pragma: no cover - compiled
     """Write what a step over the track needs, (7,): v, decays and coupling of h/2, covariances of h.
 
@@ -190,100 +166,35 @@ def track_step(track: Track, v: float, h: float, out: Array) -> None:  # pragma:
     out[6] = level * max(qq - 2.0 * pq + pp, 0.0) / (a - b) ** 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _drift(  # pragma: no cover - compiled
-    car: Vehicle, held: bool, v: float, h: float, over_track: Array, J: Array, G: Array
-) -> None:
-    """Write by how much a slow step of h has changed the rates of the fast states, (4, 12).
-
-    As a matrix over the states behind that step.
-    """
-    e_p, e_q, c_pq = over_track[1], over_track[2], over_track[3]
-    w_L = 0.0 if held else -h * v / car.r_L
-    w_R = 0.0 if held else h * v / car.r_R
-    for i in range(N_F):
-        for j in range(N_X):
-            G[i, j] = 0.0
-        track = J[i, Q] - J[i, Y]
-        G[i, U], G[i, R] = h * J[i, Y], h * J[i, PSI]
-        G[i, L_L], G[i, L_R] = w_L * J[i, THETA], w_R * J[i, THETA]
-        G[i, P], G[i, Q] = track * c_pq / (e_p * e_q), track * (1.0 - 1.0 / e_q)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _fast(  # pragma: no cover - compiled
-    car: Vehicle, held: bool, v: float, h: float, push: float, kept: Filter, work: Array
-) -> None:
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _fast(slow: Slow, h: float, push: float, kept: Filter, room: Room) -> None:  # pragma: no cover - compiled
     """Advance the fast states by h, behind half a step of the slow ones, which go on as they did in it.
 
-    `push` is the torque's share of l_R'.
+    `push` is the torque's share of l_R'. Leaves the fast states' rows of the transition in `room.M`.
     """
-    x, x0, f, J = kept.x, kept.x0, kept.f, kept.J
-    G, phi, ramp, D, M = work[0], work[1], work[2], work[3], work[4]
+    x, f, J = kept.x, kept.f, kept.J
+    M, Z, phi, ramp, rate = room.M, room.Z, room.phi, room.ramp, room.D
     for i in range(N_F):
-        for j in range(N_F):
-            G[i, j] = h * J[i, j]
-    _exponential(G, phi, ramp, D)
-    _drift(car, held, v, 0.5 * h, kept.over_track, J, G)
-    rate, moved = D[0], D[1]
+        put(Z, i, h * quad(J, i))
+    _exponential(Z, phi, ramp, room.D)
+    G = room.Z
+    drift(slow, J, G)
+    change = row(x, 0) - row(kept.x0, 0)
     for i in range(N_F):
-        moved[i] = 0.0
-        for j in range(N_X):
-            moved[i] += J[i, j] * (x[j] - x0[j])
-        rate[i] = f[i] + moved[i]
-    rate[L_R] += push
+        moved = total(row(J, i) * change)
+        rate[0, i], rate[1, i] = f[i] + moved, moved
+    rate[0, L_R] += push
     for i in range(N_F):
-        for j in range(N_X):
-            M[i, j] = 0.0
-        for k in range(N_F):
-            x[i] += h * (phi[i, k] * rate[k] + ramp[i, k] * moved[k])
-            for j in range(N_X):
-                M[i, j] += h * (phi[i, k] * J[k, j] + ramp[i, k] * G[k, j])
+        a, b, c, d = h * phi[i, 0], h * phi[i, 1], h * phi[i, 2], h * phi[i, 3]
+        p, q, r, s = h * ramp[i, 0], h * ramp[i, 1], h * ramp[i, 2], h * ramp[i, 3]
+        x[i] += a * rate[0, 0] + b * rate[0, 1] + c * rate[0, 2] + d * rate[0, 3]
+        x[i] += p * rate[1, 0] + q * rate[1, 1] + r * rate[1, 2] + s * rate[1, 3]
+        of_J = (a * row(J, 0) + b * row(J, 1)) + (c * row(J, 2) + d * row(J, 3))
+        put(M, i, of_J + ((p * row(G, 0) + q * row(G, 1)) + (r * row(G, 2) + s * row(G, 3))))
         M[i, i] += 1.0
-    _transform(M, kept.C, G)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _transform(M: Array, C: Array, MC: Array) -> None:  # pragma: no cover - compiled
-    """Replace C by the covariance of M x in its first four rows; MC is work space."""
-    for i in range(N_F):
-        for j in range(N_X):
-            MC[i, j] = 0.0
-        for k in range(N_X):
-            for j in range(N_X):
-                MC[i, j] += M[i, k] * C[k, j]
-    for i in range(N_F):
-        for j in range(N_F, N_X):
-            C[i, j] = MC[i, j]
-            C[j, i] = MC[i, j]
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(N_X):
-                total += MC[i, k] * M[j, k]
-            C[i, j] = total
-            C[j, i] = total
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_fast_noise(  # pragma: no cover - compiled
-    car: Vehicle, noise: Noise, held: bool, W_creep: float, v: float, h: float, change: float, C: Array
-) -> None:
-    """Add the noise of the fast states over h, before their step, which damps it as it damps them.
-
-    A torque that has changed by `change` since the last sample was somewhere between the two. Behind the
-    step noise would stand undamped: at 2 m/s an acceleration of 1e4 1/s times that of the velocity.
-    """
-    C[U, U] += h * noise.W_u
-    C[R, R] += h * noise.W_r
-    common = W_creep if held else noise.W_torque * (car.r_R / (v * (car.I_L + car.I_R))) ** 2
-    for i in (L_L, L_R):
-        for j in (L_L, L_R):
-            C[i, j] += h * common
-    if not held:
-        C[L_R, L_R] += (0.5 * h * change * car.r_R / (v * car.I_R)) ** 2
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _add_slow_noise(  # pragma: no cover - compiled
     noise: Noise, h: float, over_track: Array, x: Array, C: Array
 ) -> None:
@@ -306,141 +217,101 @@ def _add_slow_noise(  # pragma: no cover - compiled
     C[B_A, B_A] += h * noise.W_ba
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def predict(  # pragma: no cover - compiled
     car: Vehicle, track: Track, noise: Noise, held: bool, W_creep: float,
-    v: float, torque: float, h: float, kept: Filter, work: Array,
+    v: float, torque: float, h: float, kept: Filter, room: Room,
 ) -> None:  # fmt: skip
-    """Advance x and C of a filter by h; `work` is (5, 4, 12)."""
-    x, C, over_track = kept.x, kept.C, kept.over_track
+    """Advance x and C of a filter by h.
+
+    A torque that has changed since the last sample was somewhere between the two.
+    """
+    x, over_track = kept.x, kept.over_track
     v = max(v, car.v_min)
     track_step(track, v, h, over_track)
-    _slow(car, held, v, 0.5 * h, over_track, x, C)
-    change = torque - kept.torque[0]
-    _add_fast_noise(car, noise, held, W_creep, v, h, change, C)
-    push = 0.0 if held else (torque - 0.5 * change) * car.r_R / (v * car.I_R)
-    _fast(car, held, v, h, push, kept, work)
-    _slow(car, held, v, 0.5 * h, over_track, x, C)
-    _add_slow_noise(noise, h, over_track, x, C)
+    slow = slow_transition(car, held, v, 0.5 * h, over_track)
+    common, single, push = h * W_creep, 0.0, 0.0
+    if not held:
+        change, per_torque = torque - kept.torque[0], car.r_R / (v * car.I_R)
+        common = h * noise.W_torque * (car.r_R / (v * (car.I_L + car.I_R))) ** 2
+        single = (0.5 * h * change * per_torque) ** 2
+        push = (torque - 0.5 * change) * per_torque
+    add_fast_noise(slow, h * noise.W_u, h * noise.W_r, common, single, kept.C)
+    move_slow(slow, x)
+    _fast(slow, h, push, kept, room)
+    move_slow(slow, x)
+    spread(slow, room.M, kept.C, room.all)
+    _add_slow_noise(noise, h, over_track, x, kept.C)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _joseph(H: Array, R_e: float, C: Array, c: Array, K: Array) -> None:  # pragma: no cover - compiled
-    """Replace C by (1 - K H) C (1 - K H)' + K R_e K', by two products of vectors; c is C H' at first."""
-    for i in range(N_X):
-        for j in range(N_X):
-            C[i, j] -= K[i] * c[j]
-    for i in range(N_X):
-        total = 0.0
-        for j in range(N_X):
-            total += C[i, j] * H[j]
-        c[i] = R_e * K[i] - total
-    for i in range(N_X):
-        for j in range(N_X):
-            C[i, j] += c[i] * K[j]
-    for i in range(N_X):
-        for j in range(i):
-            mean = 0.5 * (C[i, j] + C[j, i])
-            C[i, j] = mean
-            C[j, i] = mean
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _correct(  # pragma: no cover - compiled
-    H: Array, e: float, R_e: float, x: Array, C: Array, c: Array, K: Array
-) -> float:
-    """Take an innovation e with the row H (12,) into x and C, Joseph's form; return its variance.
-
-    c and K (12,) are work space.
-    """
-    for j in range(N_X):
-        c[j] = 0.0
-    for k in range(N_X):
-        for j in range(N_X):
-            c[j] += H[k] * C[k, j]
-    S_e = R_e
-    for j in range(N_X):
-        S_e += H[j] * c[j]
-    gain = 1.0 / S_e
-    for j in range(N_X):
-        K[j] = c[j] * gain
-        x[j] += K[j] * e
-    _joseph(H, R_e, C, c, K)
-    return S_e
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _row_of(J: Array, i: int, x: Array, x0: Array, H: Array) -> float:  # pragma: no cover - compiled
-    """Copy row i of J to H; return by how much the value of that row has moved from x0 to x."""
-    moved = 0.0
-    for j in range(N_X):
-        H[j] = J[i, j]
-        moved += H[j] * (x[j] - x0[j])
-    return moved
+    """Copy row i of J to the first of H; return by how much the value of that row has moved from x0 to x."""
+    partials = row(J, i)
+    put(H, 0, partials)
+    return total(partials * (row(x, 0) - row(x0, 0)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _measure(  # pragma: no cover - compiled
-    noise: Noise, held: bool, torque: float, z: Array, usable: Flags, kept: Filter, work: Array, told: Array
-) -> None:
-    """Take a sample z (2,) and the torque of a held creep into the state, one number after the other."""
+    noise: Noise, held: bool, torque: float, z_yaw: float, z_acc: float, kept: Filter, room: Array,
+    told: Array,
+) -> None:  # fmt: skip
+    """Take a sample (NaN: not usable) and the torque of a held creep into the state, one after the other."""
     x, C, x0, f, J = kept.x, kept.C, kept.x0, kept.f, kept.J
-    H, c, K = work[0, 0], work[1, 0], work[2, 0]
-    if usable[0]:
+    if not math.isnan(z_yaw):
         for j in range(N_X):
-            H[j] = 0.0
-        H[R] = 1.0
-        H[B_G] = 1.0
-        e = z[0] - x[R] - x[B_G]
-        S_e = _correct(H, e, noise.R_yaw, x, C, c, K)
+            room[0, j] = 0.0
+        room[0, R] = 1.0
+        room[0, B_G] = 1.0
+        e = z_yaw - x[R] - x[B_G]
+        S_e = correct(e, noise.R_yaw, x, C, room)
         told[LOG_L] -= 0.5 * (math.log(S_e) + e * e / S_e)
         told[SQUARE] += e * e / S_e
         told[COUNT] += 1.0
         told[E_YAW], told[S_YAW] = e, S_e
-    if usable[1]:
-        e = z[1] - x[B_A] - f[U] - _row_of(J, U, x, x0, H)
-        H[B_A] = 1.0
-        S_e = _correct(H, e, noise.R_acc, x, C, c, K)
+    if not math.isnan(z_acc):
+        e = z_acc - x[B_A] - f[U] - _row_of(J, U, x, x0, room)
+        room[0, B_A] = 1.0
+        S_e = correct(e, noise.R_acc, x, C, room)
         told[LOG_L] -= 0.5 * (math.log(S_e) + e * e / S_e)
         told[SQUARE] += e * e / S_e
         told[COUNT] += 1.0
         told[E_ACC], told[S_ACC] = e, S_e
     if held and not math.isnan(torque):
-        e = torque - f[TORQUE] - _row_of(J, TORQUE, x, x0, H)
-        S_e = _correct(H, e, noise.R_torque, x, C, c, K)
+        e = torque - f[TORQUE] - _row_of(J, TORQUE, x, x0, room)
+        S_e = correct(e, noise.R_torque, x, C, room)
         told[LOG_L] -= 0.5 * e * e / S_e
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def filter_step(  # pragma: no cover - compiled
     car: Vehicle, track: Track, noise: Noise, rails: Array, held: bool, W_creep: float, first: bool,
-    h: float, v: float, v_dot: float, torque: float, z: Array, usable: Flags, kept: Filter, work: Array,
+    h: float, v: float, v_dot: float, torque: float, z_yaw: float, z_acc: float, kept: Filter, room: Room,
     told: Array,
 ) -> None:  # fmt: skip
-    """Advance one filter by one sample z (2,).
+    """Advance one filter by one sample.
 
     Parameters
     ----------
     rails : (2, 5) left and right. held : the creep does not follow the torque.
     W_creep : intensity of the noise of a held creep, 1/s. first : no step before this sample.
     v, v_dot, torque : speed (m/s), its rate and the torque on the axle (N m, NaN: unknown).
-    usable : (2,) which of the two numbers may be used.
-    work : (5, 4, 12) work space.
+    z_yaw, z_acc : yaw rate (rad/s) and lateral acceleration (m/s2), NaN if they may not be used.
+    room : work space.
     told : (8,) adds the log-likelihood (less its constant), the normalised squares of the innovations and
         their number; writes the last innovations with their variances and the torque on the wheels. The
         acceleration's innovation is what the yaw rate of the same sample has not told.
     """
     x, x0 = kept.x, kept.x0
     if not first:
-        predict(car, track, noise, held, W_creep, v, torque, h, kept, work)
-    for j in range(N_X):
-        x0[j] = x[j]
+        predict(car, track, noise, held, W_creep, v, torque, h, kept, room)
+    put(x0, 0, row(x, 0))
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
     kept.torque[0] = torque
     told[ON_WHEELS] = kept.f[TORQUE]
     # A wheelset that stands says nothing of its rail.
     if v >= car.v_min:
-        _measure(noise, held, torque, z, usable, kept, work, told)
-    for j in range(N_X):
-        x0[j] = x[j]
+        _measure(noise, held, torque, z_yaw, z_acc, kept, room.M, told)
+    put(x0, 0, row(x, 0))
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.creep_law import creep_force, creep_scale
+from estimator.adhesion.creep_law import Rail, creep_force, creep_scale
 
 __all__ = ["STATES", "Vehicle", "linearise"]
 
@@ -31,6 +31,8 @@ Force = tuple[float, float, float, float]
 STATES = ("u", "r", "l_L", "l_R", "psi", "y", "theta", "p", "q", "s", "b_g", "b_a")
 U, R, L_L, L_R, PSI, Y, THETA, P, Q, S, B_G, B_A = range(12)
 N_X = 12
+#: The fast states.
+N_F = 4
 #: Rows of a linearisation: rates of the fast states, which come first, and the torque on the wheels.
 TORQUE = 4
 #: Variance of the creepage over `creep_scale` squared from which forces are averaged over it.
@@ -64,7 +66,7 @@ class Vehicle(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def mean_force(  # pragma: no cover - compiled
-    rail: Array, patch: Array, v: float, a: float, variance: float, b: float, s: float
+    rail: Rail, patch: Array, v: float, a: float, variance: float, b: float, s: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Return the mean of `creep_force` over a creepage along the rail of mean a and a variance.
 
@@ -88,7 +90,7 @@ def mean_force(  # pragma: no cover - compiled
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _lateral(  # pragma: no cover - compiled
     car: Vehicle, v: float, x: Array, left: Force, right: Force, f: Array, J: Array
 ) -> None:
@@ -107,7 +109,7 @@ def _lateral(  # pragma: no cover - compiled
     J[U, S] = -im * (yL_s + yR_s)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _yaw(  # pragma: no cover - compiled
     car: Vehicle, v: float, x: Array, left: Force, right: Force, f: Array, J: Array
 ) -> None:
@@ -126,7 +128,7 @@ def _yaw(  # pragma: no cover - compiled
     J[R, S] = iI * (xR_s - xL_s)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _wheels(  # pragma: no cover - compiled
     car: Vehicle, v: float, v_dot: float, x: Array, left: Force, right: Force, f: Array, J: Array
 ) -> None:
@@ -156,7 +158,7 @@ def _wheels(  # pragma: no cover - compiled
     J[L_R, S] = -k_R * rR * xR_s
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def linearise(  # pragma: no cover - compiled
     car: Vehicle, rails: Array, held: bool, v: float, v_dot: float, x: Array, C: Array, f: Array, J: Array
 ) -> None:
@@ -169,8 +171,10 @@ def linearise(  # pragma: no cover - compiled
     spread = turn * turn * C[R, R] + car.cone * car.cone * C[Y, Y] + 2.0 * turn * car.cone * C[R, Y]
     d_L = spread + C[L_L, L_L] + 2.0 * (turn * C[R, L_L] + car.cone * C[Y, L_L])
     d_R = spread + C[L_R, L_R] - 2.0 * (turn * C[R, L_R] + car.cone * C[Y, L_R])
-    xL, yL, xL_a, xL_b, yL_a, yL_b, xL_s, yL_s = mean_force(rails[0], car.patch, v, x[L_L] + g, d_L, b, s)
-    xR, yR, xR_a, xR_b, yR_a, yR_b, xR_s, yR_s = mean_force(rails[1], car.patch, v, x[L_R] - g, d_R, b, s)
+    left = (rails[0, 0], rails[0, 1], rails[0, 2], rails[0, 3], rails[0, 4])
+    right = (rails[1, 0], rails[1, 1], rails[1, 2], rails[1, 3], rails[1, 4])
+    xL, yL, xL_a, xL_b, yL_a, yL_b, xL_s, yL_s = mean_force(left, car.patch, v, x[L_L] + g, d_L, b, s)
+    xR, yR, xR_a, xR_b, yR_a, yR_b, xR_s, yR_s = mean_force(right, car.patch, v, x[L_R] - g, d_R, b, s)
 
     _lateral(car, v, x, (yL, yL_a, yL_b, yL_s), (yR, yR_a, yR_b, yR_s), f, J)
     _yaw(car, v, x, (xL, xL_a, xL_b, xL_s), (xR, xR_a, xR_b, xR_s), f, J)
