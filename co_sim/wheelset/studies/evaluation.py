@@ -106,7 +106,8 @@ def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
         noise=SensorNoise(trial.noise * NOISE[0], trial.noise * NOISE[1]),
         track=ERRI_B176[trial.track],
         h=log.h,
-        window=window,
+        # After a drop a window would hold the old rail as well.
+        window=None if trial.manoeuvre == "drop" else window,
         friction=0.0,
         bias=(0.0, 0.0),
         patches=(1.0,),

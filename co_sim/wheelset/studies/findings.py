@@ -170,10 +170,11 @@ class Findings:
             share_of(error > TOO_MUCH, case),
         )
 
-    def latency(self, bank: str) -> Latency | None:
-        """Return the latencies of drops; ``None`` if there were none."""
+    def latency(self, bank: str, **chosen: object) -> Latency | None:
+        """Return the latencies of drops, in cases of the `chosen` quantities; ``None`` if there were none."""
         name = f"{bank}.latency"
-        dropped = [row[name] for row in self.cases if name in row]
+        cases = [row for row in self.cases if all(row.get(key) == value for key, value in chosen.items())]
+        dropped = [row[name] for row in cases if name in row]
         if not dropped:
             return None
         return Latency(

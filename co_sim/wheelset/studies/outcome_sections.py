@@ -21,8 +21,11 @@ from co_sim.wheelset.studies.section_parts import (
 from co_sim.wheelset.studies.trial import Trial
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from co_sim.wheelset.reporting.section import Cell
     from co_sim.wheelset.studies.findings import Findings
+    from co_sim.wheelset.studies.study import Study
 
 __all__ = [
     "adhesion_section",
@@ -82,7 +85,7 @@ def adhesion_section(findings: Findings) -> Section | None:
     )
 
 
-def latency_section(findings: Findings) -> Section | None:
+def latency_section(study: Study, findings: Findings) -> Section | None:
     """Return how soon drops are announced; ``None`` if there were none."""
     found = {bank: one for bank in findings.banks if (one := findings.latency(bank)) is not None}
     if not found:
@@ -108,7 +111,10 @@ def latency_section(findings: Findings) -> Section | None:
             "missed": per_bank([o.missed for o in found.values()], "1", "drops not announced"),
         },
         axes={"bank": list(found)},
-        tables=(Table("From the drop to the alarm", columns, tuple(rows)),),
+        tables=(
+            Table("From the drop to the alarm", columns, tuple(rows)),
+            *_latencies(study, findings, list(found)),
+        ),
         figures=(
             figure(
                 "latency",
@@ -120,6 +126,22 @@ def latency_section(findings: Findings) -> Section | None:
         ),
         summary=tuple(words[:1]),
     )
+
+
+def _latencies(study: Study, findings: Findings, banks: Sequence[str]) -> Iterator[Table]:
+    """Yield for each quantity of the grid median and 95 % latency at each of its values."""
+    for name, values in study.grid.items():
+        if len(values) < 2:
+            continue
+        rows: list[tuple[Cell, ...]] = []
+        for bank in banks:
+            for share, label in ((0.5, "median"), (0.95, "95 %")):
+                found = [findings.latency(bank, **{name: value}) for value in values]
+                rows.append(
+                    (bank, label, *(None if o is None else _finite(o.quantile(share)) for o in found))
+                )
+        columns = (Column("bank"), Column("latency"), *(Column(f"{name} {value}", "s") for value in values))
+        yield Table(f"From the drop to the alarm by {name.replace('_', ' ')}", columns, tuple(rows))
 
 
 def _within(seconds: float) -> str:

@@ -47,7 +47,11 @@ def sections_of(study: Study, findings: Findings) -> tuple[Section, ...]:
             made += [places] if places else []
     made += [
         s
-        for s in (adhesion_section(findings), latency_section(findings), false_alarms_section(findings))
+        for s in (
+            adhesion_section(findings),
+            latency_section(study, findings),
+            false_alarms_section(findings),
+        )
         if s
     ]
     if study.variant and made:

@@ -24,7 +24,8 @@ __all__ = ["BANKS", "Study", "load_study", "packaged_studies"]
 Bank = Literal["adhesion", "window", "paper", "matched", "known", "exact"]
 #: The banks that a study can compare: the adhesion bank of `wheelset identify`, whose evidence fades; the
 #: same with the evidence of one window; the bank of the paper; and one that knows the plant as it is, with
-#: the evidence of one window: the likelihood of the exact model, as far as extended Kalman filters have it.
+#: the evidence of one window, after drops with that which fades: the likelihood of the exact model, as far
+#: as extended Kalman filters have it.
 #: ``"known"`` and ``"exact"`` are for an imposed creep on a known rail: linear filters along its creep curve,
 #: and those at the very creepages P1, knee, P2 and beyond, which know the plant as it is. What exact mistakes
 #: there is not in the samples, as far as its models hold; a large oscillation or an impact of the flange is
