@@ -85,6 +85,9 @@ def _fault(name: str, error: ErrorDetails, model: type[BaseModel]) -> Fault:
         case "extra_forbidden":
             known = f"one of {', '.join(siblings)}"
             return Fault(what, "an unknown key", known, suggestion(field, siblings))
+        case "too_short":
+            least = context["min_length"]
+            return Fault(what, f"{context['actual_length']} values", f"at least {least}", f"add to {told}")
         case "missing":
             return Fault(what, "nothing", "a value", f"add {told}")
         case "union_tag_invalid" | "union_tag_not_found":

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from co_sim.errors import Fault, InputError, suggestion
 from co_sim.wheelset.scenario import Scenario
 from co_sim.wheelset.table_files import read_text, tables_of, validated
+from estimator.adhesion.bank import BIAS, PATCHES
 from fmu_wheelset import CONDITIONS, RailCondition, WheelsetParameters
 
 if TYPE_CHECKING:
@@ -17,6 +20,26 @@ if TYPE_CHECKING:
 __all__ = ["Vehicle", "read_vehicle", "read_wheelset"]
 
 
+class _Unknown(BaseModel):
+    """What the adhesion bank is told that nobody knows: the table ``unknown`` of a vehicle."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    gyro_bias: float = Field(BIAS[0], ge=0.0, description="standard deviation of the gyro's offset, rad/s")
+    accelerometer_bias: float = Field(
+        BIAS[1], ge=0.0, description="standard deviation of the accelerometer's offset, m/s2"
+    )
+    patches: tuple[Annotated[float, Field(gt=0.5, lt=2.0)], ...] = Field(
+        PATCHES, min_length=1, description="sizes of the contact patches held possible, over the nominal one"
+    )
+
+
+class _Unknowns(BaseModel):
+    """A file of which only that table is looked at."""
+
+    unknown: _Unknown
+
+
 @dataclass(frozen=True)
 class Vehicle:
     """What the filters know of the vehicle and of rails.
@@ -24,14 +47,18 @@ class Vehicle:
     Parameters
     ----------
     wheelset : its parameters. conditions : by name, those of `CONDITIONS`.
+    bias : standard deviations of the sensors' offsets. patches : sizes of the contact patches that are held
+        possible; both as in `AdhesionBank`.
     """
 
     wheelset: WheelsetParameters = field(default_factory=WheelsetParameters)
     conditions: Mapping[str, RailCondition] = field(default_factory=lambda: dict(CONDITIONS))
+    bias: tuple[float, float] = BIAS
+    patches: tuple[float, ...] = PATCHES
 
 
 def read_vehicle(path: Path) -> Vehicle:
-    """Read a vehicle: names of `WheelsetParameters`, a table ``patch``, tables ``conditions.NAME``.
+    """Read a vehicle: names of `WheelsetParameters`, tables ``patch``, ``conditions.NAME`` and ``unknown``.
 
     What is not named keeps its default, also within a condition.
 
@@ -42,8 +69,11 @@ def read_vehicle(path: Path) -> Vehicle:
     """
     wheelset = _tables(path)
     conditions = _completed(path.name, wheelset.pop("conditions", {}))
+    unknown = validated(_Unknowns, {"unknown": wheelset.pop("unknown", {})}, path.name).unknown
     scenario = _scenario(path.name, wheelset, conditions)
-    return Vehicle(scenario.parameters, {name: scenario.condition(name) for name in CONDITIONS})
+    rails = {name: scenario.condition(name) for name in CONDITIONS}
+    bias = (unknown.gyro_bias, unknown.accelerometer_bias)
+    return Vehicle(scenario.parameters, rails, bias, unknown.patches)
 
 
 def read_wheelset(path: Path) -> WheelsetParameters:

@@ -255,9 +255,9 @@ def judge(  # pragma: no cover - compiled
     _learn(rules, belief, told)
     p = said.p_hypothesis[row]
     # Where "none of these" is all but certain, what is left still says which of them it would be.
-    left, known = max(1.0 - belief.p[n], 1e-15), max(belief.p[:n].sum(), 1e-300)
+    left, known = max(1.0 - belief.p[n], 1e-15), belief.p[:n].sum()
     for i in range(n):
-        p[i] = belief.p[i] * left / known
+        p[i] = left * (belief.p[i] / known if known > 0.0 else 1.0 / n)
     best, known, used = 0, 0.0, 0.0
     said.p_condition[row, :] = 0.0
     for i in range(n):

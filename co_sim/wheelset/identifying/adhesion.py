@@ -60,6 +60,8 @@ def run_adhesion_bank(log: Log, settings: Settings) -> Answer:
             noise=SensorNoise(*settings.noise),
             track=ERRI_B176[settings.track],
             h=fine.h,
+            bias=settings.vehicle.bias,
+            patches=settings.vehicle.patches,
         )
         answer = answer_of(bank.run(fine, every=settings.every), log)
     except ValueError as error:  # such as a creep curve of the user's own that has no maximum

@@ -36,9 +36,10 @@ N = len(HYPOTHESES)
 GRID = 1e-4
 
 
-def landmark(condition: str) -> tuple[float, float]:
+def landmark(hypothesis: Hypothesis) -> tuple[float, float]:
     """Creeps of the knee and of the end of the peak."""
-    at = landmarks(BANK.rules(HYPOTHESES).curves, NAMES.index(condition), SPEED, 0.0)
+    rules = BANK.rules([hypothesis])
+    at = landmarks(rules.curves, rules.curve[0, 0], SPEED, 0.0)
     return math.exp(at[2]), PAST_PEAK * math.exp(at[1])
 
 
@@ -85,7 +86,7 @@ def degrees_of_inputs(residuals: Array, spreads: Array, creeps: Array) -> tuple[
     misfit = SAMPLES * np.log(g / g.min())
     at = []
     for hypothesis, creep in zip(HYPOTHESES, creeps, strict=True):
-        knee, past = landmark(hypothesis.condition)
+        knee, past = landmark(hypothesis)
         place = np.interp(creep, [0.0, knee, past, 2.0 * past], [0.0, 1.0, 2.0, 3.0])
         linear, unstable = (
             float(np.interp(place, [0.75, 1.25], [1, 0])),
@@ -138,7 +139,7 @@ def test_degrees_are_those_of_scikit_fuzzy(situation: tuple[Array, Array, Array]
     g = np.exp(spreads / 2.0) * residuals
     x: list[float] = []
     for i, hypothesis in enumerate(HYPOTHESES):
-        knee, past = landmark(hypothesis.condition)
+        knee, past = landmark(hypothesis)
         place = np.interp(creeps[i], [0.0, knee, past, 2.0 * past], [0.0, 1.0, 2.0, 3.0])
         x += (min(SAMPLES * math.log(g[i] / g.min()), 10.0), min(residuals[i], 2.0), place)
     system = fuzzy_system(HYPOTHESES, NAMES)

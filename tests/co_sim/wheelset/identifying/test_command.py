@@ -242,7 +242,8 @@ def test_speed_option_and_no_torque(ride: Ride, tmp_path: Path, capsys: pytest.C
 @pytest.mark.usefixtures("_undrawn")
 def test_a_vehicle_of_ones_own(log: Path, tmp_path: Path) -> None:
     (tmp_path / "loco.toml").write_text(
-        "m_w = 1500\n[patch]\na = 7e-3\n[conditions.dry]\nmu_0 = 0.5\n", encoding="utf-8"
+        "m_w = 1500\n[patch]\na = 7e-3\n[conditions.dry]\nmu_0 = 0.5\n[unknown]\npatches = [1.0]\n",
+        encoding="utf-8",
     )
     arguments = ("--out", tmp_path / "out", "--vehicle", tmp_path / "loco.toml")
     assert call("identify", log, *arguments, "--every", 1.0) == 0
@@ -251,6 +252,8 @@ def test_a_vehicle_of_ones_own(log: Path, tmp_path: Path) -> None:
     assert vehicle["wheelset"]["patch"]["a"] == 7e-3
     assert vehicle["conditions"]["dry"] == {"k_A": 1.0, "k_S": 0.4, "mu_0": 0.5, "A": 0.4, "B": 0.6}
     assert vehicle["conditions"]["wet"]["mu_0"] == 0.3
+    assert vehicle["bias"] == [1e-3, 0.05]
+    assert vehicle["patches"] == [1.0]
 
 
 def test_every_fault_at_once_is_survived(ride: Ride, tmp_path: Path) -> None:
@@ -296,7 +299,10 @@ def test_slow_loggers(ride: Ride, rate: int, tmp_path: Path) -> None:
     assert call("identify", tmp_path / "a.csv", "--out", tmp_path / "out") == 0
     rows = rows_of(tmp_path / "out")
     assert len(rows) == pytest.approx(400, abs=2)
-    assert {row["condition"] for row in rows[-50:]} == {"dry"}
+    # A tenth of the samples: dry and low rail differ in slope alone here.
+    trusted = [row["condition"] for row in rows[-200:] if row["identifiable"] == "true"]
+    assert set(trusted) == {"dry"}
+    assert rate == 100 or len(trusted) > 100
 
 
 @pytest.mark.usefixtures("_undrawn")
@@ -339,6 +345,10 @@ def test_the_packaged_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         ),
         ("[conditions.wet]\nmu = 0.1\n", ["conditions.wet.mu: got an unknown key", "mu_0"]),
         ("conditions = 3\n", ["conditions: got 3, expected tables"]),
+        (
+            "[unknown]\ngyro_bia = 0.0\npatches = []\n",
+            ['did you mean "gyro_bias"?', "unknown.patches: got 0 values, expected at least 1"],
+        ),
         ("m_w = \n", ["text that is not TOML"]),
     ],
 )
