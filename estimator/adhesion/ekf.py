@@ -224,21 +224,20 @@ def predict(  # pragma: no cover - compiled
 ) -> None:  # fmt: skip
     """Advance x and C of a filter by h.
 
-    A torque that has changed since the last sample was somewhere between the two.
+    A torque that has changed since the last sample was somewhere between the two. Branches are of numbers
+    only: about others the compiler would count the references of all arrays at each step.
     """
     x, over_track = kept.x, kept.over_track
     v = max(v, car.v_min)
     track_step(track, v, h, over_track)
     slow = slow_transition(car, held, v, 0.5 * h, over_track)
-    common, single, push = h * W_creep, 0.0, 0.0
-    if not held:
-        change, per_torque = torque - kept.torque[0], car.r_R / (v * car.I_R)
-        common = h * noise.W_torque * (car.r_R / (v * (car.I_L + car.I_R))) ** 2
-        single = (0.5 * h * change * per_torque) ** 2
-        push = (torque - 0.5 * change) * per_torque
-    add_fast_noise(slow, h * noise.W_u, h * noise.W_r, common, single, kept.C)
+    common = W_creep if held else noise.W_torque * (car.r_R / (v * (car.I_L + car.I_R))) ** 2
+    per_torque = car.r_R / (v * car.I_R)
+    half = 0.0 if held else 0.5 * (torque - kept.torque[0])
+    single = (h * half * per_torque) ** 2
+    add_fast_noise(slow, h * noise.W_u, h * noise.W_r, h * common, single, kept.C)
     move_slow(slow, x)
-    _fast(slow, h, push, kept, room)
+    _fast(slow, h, 0.0 if held else (torque - half) * per_torque, kept, room)
     move_slow(slow, x)
     spread(slow, room.M, kept.C, room.all)
     _add_slow_noise(noise, h, over_track, x, kept.C)
@@ -254,12 +253,15 @@ def _row_of(J: Array, i: int, x: Array, x0: Array, H: Array) -> float:  # pragma
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _measure(  # pragma: no cover - compiled
-    noise: Noise, held: bool, torque: float, z_yaw: float, z_acc: float, kept: Filter, room: Array,
-    told: Array,
+    noise: Noise, held: bool, moves: bool, torque: float, z_yaw: float, z_acc: float, kept: Filter,
+    room: Array, told: Array,
 ) -> None:  # fmt: skip
-    """Take a sample (NaN: not usable) and the torque of a held creep into the state, one after the other."""
+    """Take a sample (NaN: not usable) and the torque of a held creep into the state, one after the other.
+
+    A wheelset that stands says nothing of its rail.
+    """
     x, C, x0, f, J = kept.x, kept.C, kept.x0, kept.f, kept.J
-    if not math.isnan(z_yaw):
+    if moves and not math.isnan(z_yaw):
         for j in range(N_X):
             room[0, j] = 0.0
         room[0, R] = 1.0
@@ -270,7 +272,7 @@ def _measure(  # pragma: no cover - compiled
         told[SQUARE] += e * e / S_e
         told[COUNT] += 1.0
         told[E_YAW], told[S_YAW] = e, S_e
-    if not math.isnan(z_acc):
+    if moves and not math.isnan(z_acc):
         e = z_acc - x[B_A] - f[U] - _row_of(J, U, x, x0, room)
         room[0, B_A] = 1.0
         S_e = correct(e, noise.R_acc, x, C, room)
@@ -278,7 +280,7 @@ def _measure(  # pragma: no cover - compiled
         told[SQUARE] += e * e / S_e
         told[COUNT] += 1.0
         told[E_ACC], told[S_ACC] = e, S_e
-    if held and not math.isnan(torque):
+    if held and moves and not math.isnan(torque):
         e = torque - f[TORQUE] - _row_of(J, TORQUE, x, x0, room)
         S_e = correct(e, noise.R_torque, x, C, room)
         told[LOG_L] -= 0.5 * e * e / S_e
@@ -310,8 +312,6 @@ def filter_step(  # pragma: no cover - compiled
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
     kept.torque[0] = torque
     told[ON_WHEELS] = kept.f[TORQUE]
-    # A wheelset that stands says nothing of its rail.
-    if v >= car.v_min:
-        _measure(noise, held, torque, z_yaw, z_acc, kept, room.M, told)
+    _measure(noise, held, v >= car.v_min, torque, z_yaw, z_acc, kept, room.M, told)
     put(x0, 0, row(x, 0))
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
