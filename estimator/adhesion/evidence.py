@@ -140,25 +140,35 @@ def _update(rules: Rules, belief: Belief, k: int, log_l: Array) -> None:  # prag
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _divergence(told: Array, i: int, j: int) -> float:  # pragma: no cover - compiled
-    """Return the divergence of the last sample's prediction by filter j from that by i, nats a sample."""
+def _divergence(told: Array, logs: Array, i: int, j: int) -> float:  # pragma: no cover - compiled
+    """Return the divergence of the last sample's prediction by filter j from that by i, nats a sample.
+
+    logs (n, 2) are the logarithms of the variances.
+    """
     total = 0.0
-    for e, s in ((E_YAW, S_YAW), (E_ACC, S_ACC)):
+    for sensor, e, s in ((0, E_YAW, S_YAW), (1, E_ACC, S_ACC)):
         if told[i, s] > 0.0 and told[j, s] > 0.0:
-            ratio = told[i, s] / told[j, s]
             apart = told[i, e] - told[j, e]
-            total += 0.5 * (ratio - 1.0 - math.log(ratio) + apart * apart / told[j, s])
+            spread = (told[i, s] + apart * apart) / told[j, s]
+            total += 0.5 * (spread - 1.0 - logs[i, sensor] + logs[j, sensor])
     return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _learn(rules: Rules, belief: Belief, told: Array) -> None:  # pragma: no cover - compiled
-    """Take the divergences between all filters into their running sums."""
+def _learn(rules: Rules, belief: Belief, told: Array, logs: Array) -> None:  # pragma: no cover - compiled
+    """Take the divergences between filters of unlike conditions into their running sums.
+
+    logs (n, 2) is work space.
+    """
     n = told.shape[0]
     for i in range(n):
+        logs[i, 0] = math.log(told[i, S_YAW]) if told[i, S_YAW] > 0.0 else 0.0
+        logs[i, 1] = math.log(told[i, S_ACC]) if told[i, S_ACC] > 0.0 else 0.0
+    for i in range(n):
         for j in range(n):
-            gained = min(told[i, COUNT] * 0.5 * _divergence(told, i, j), rules.clip)
-            belief.information[i, j] += gained - rules.memory * belief.information[i, j]
+            if rules.condition[i] != rules.condition[j]:
+                gained = min(told[i, COUNT] * 0.5 * _divergence(told, logs, i, j), rules.clip)
+                belief.information[i, j] += gained - rules.memory * belief.information[i, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -252,7 +262,7 @@ def judge(  # pragma: no cover - compiled
     for i in range(n):
         belief.gained[i] += log_l[i]
     _update(rules, belief, k, log_l)
-    _learn(rules, belief, told)
+    _learn(rules, belief, told, peaks)
     p = said.p_hypothesis[row]
     # Where "none of these" is all but certain, what is left still says which of them it would be.
     left, known = max(1.0 - belief.p[n], 1e-15), belief.p[:n].sum()
