@@ -36,6 +36,7 @@ from estimator import ERRI_B176, CreepCurve, Disturbances, LikelihoodBank, Senso
 from estimator.adhesion import AdhesionBank
 from estimator.adhesion.block import LOST, begin_filter
 from estimator.adhesion.block import Memory as AdhesionMemory
+from estimator.adhesion.motion import STATES
 from estimator.adhesion.online import bank_step, new_judgement, new_work
 from estimator.likelihood_kernel import Memory, likelihood_run
 from estimator.linear_models import operating_points, point_at
@@ -148,8 +149,9 @@ def adhesion_hours(loops: int, per_hour: int) -> None:
     for i in range(n):
         begin_filter(design, memory, i, float(speed.max()), 0.0)
     first = np.sqrt(np.diagonal(memory.filters.C, axis1=1, axis2=2)).copy()
-    print(f"\n{'hour':7}{'trace':>10}{'condition':>10}{'nan':>10}{'MiB':>10}   lost: ", end="")
-    print("  ".join(hypothesis.name for hypothesis in hypotheses))
+    first[:, STATES.index("s")] = bank.friction  # which may move once a filter has settled
+    held = design.held
+    print(f"\n{'hour':7}{'trace':>10}{'condition':>10}{'nan':>10}{'MiB':>10}{'driven':>10}{'held':>10}")
     trace, condition, lost, nan = 0.0, 0.0, np.zeros(n), np.zeros(1)
     for loop in range(1, loops + 1):
         since = (loop - 1) * len(z)
@@ -159,8 +161,8 @@ def adhesion_hours(loops: int, per_hour: int) -> None:
         if loop % per_hour == 0:
             used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
             line = f"{loop * LOOP / 3600.0:<7.1f}{trace:10.3g}{condition:10.3g}{nan[0]:10.0f}{used:10.1f}"
-            each = lost / (per_hour * LOOP)
-            print(line, "       " + " ".join(f"{rate:6.3f}" for rate in each), flush=True)
+            rates = [lost[which].mean() / (per_hour * LOOP) for which in (~held, held)]
+            print(line + "".join(f"{rate:10.2f}" for rate in rates), flush=True)
             trace, condition, lost[:], nan[:] = 0.0, 0.0, 0.0, 0.0
 
 
