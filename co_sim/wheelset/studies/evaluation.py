@@ -84,10 +84,19 @@ def _track(trial: Trial) -> str:
 def _adhesion(recording: Recording, trial: Trial, window: float | None) -> Answer:
     from estimator import SensorNoise
     from estimator.adhesion import AdhesionBank
+    from estimator.adhesion.bank import BIAS, PATCHES
 
     log = _log(recording, trial.speed_error, trial.torque_error)
-    noise, track = SensorNoise(*_noise(trial)), ERRI_B176[_track(trial)]
-    return answer_of(AdhesionBank(noise=noise, track=track, h=log.h, window=window).run(log, workers=1), log)
+    usual = trial.unknown == "usual"
+    bank = AdhesionBank(
+        noise=SensorNoise(*_noise(trial)),
+        track=ERRI_B176[_track(trial)],
+        h=log.h,
+        window=window,
+        bias=BIAS if usual else (0.0, 0.0),
+        patches=PATCHES if usual else (1.0,),
+    )
+    return answer_of(bank.run(log, workers=1), log)
 
 
 def _recursive(recording: Recording, trial: Trial, window: float) -> Answer:
