@@ -68,7 +68,7 @@ class Trial(BaseModel):
     assumed_noise: Positive | None = Field(None, description="noise that the filters assume; left out: true")
     unknown: Literal["usual", "nothing"] = Field(
         "usual",
-        description="what the filters hold possible besides friction: offsets of the sensors and sizes of the "
+        description="what the filters hold possible besides friction: offsets of sensors and sizes of the "
         "contact patch, as `AdhesionBank` does by default, or nothing",
     )
     gyro_bias: float = Field(0.0, description="bias of the gyro, rad/s")
