@@ -1,0 +1,137 @@
+"""What the hopeless take over, when friction may move, and that a patch outlasts its rail."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimator.adhesion import AdhesionBank, Hypothesis
+from estimator.adhesion.bank import PATCHES
+from estimator.adhesion.block import FRICTION, VAR_FRICTION
+from estimator.adhesion.creep_law import creep_force, patch_row, rail_row
+from estimator.adhesion.hypotheses import rail_of, with_torque, without_torque
+from estimator.adhesion.motion import L_L, L_R, N_X, THETA, S
+from estimator.adhesion.renewal import renew
+from fmu_wheelset.parameters import CONDITIONS, ContactPatch
+
+from .conftest import TORQUE, V, bank, compiled
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from estimator.adhesion.block import Memory
+    from estimator.adhesion.evidence import Belief
+    from estimator.log import Log
+
+    Array = NDArray[np.float64]
+
+HYPOTHESES = (
+    Hypothesis("dry"),
+    Hypothesis("low"),
+    Hypothesis("wet"),
+    Hypothesis("low", "held", 1.7),
+    Hypothesis("very_low"),
+)
+DRY, LOW, WET, HELD, HOPEFUL = range(5)
+
+
+@pytest.fixture
+def renewed(z: Array) -> tuple[Memory, Memory, Belief]:
+    """Filters before and after a renewal: dry leads, wet has a chance, the last one is gaining."""
+    design, rules = bank().design(HYPOTHESES), bank().rules(HYPOTHESES)
+    before, after = compiled(design, z), compiled(design, z)
+    belief = bank().new_belief(rules)
+    belief.p[:] = [0.98, 1e-6, 0.01, 1e-6, 1e-6, 1e-6]
+    belief.gained[:] = [-1.0, -30.0, -30.0, -30.0, 0.0]
+    renew(design, after, belief, V, TORQUE)
+    return before, after, belief
+
+
+def test_the_hopeless_begin_where_the_best_filter_sees_the_wheelset(
+    renewed: tuple[Memory, Memory, Belief],
+) -> None:
+    before, after, belief = renewed
+    best_x, best_C = before.filters.x[DRY], before.filters.C[DRY]
+    for i, own in ((LOW, {S}), (HELD, {S, L_L, L_R})):
+        x, C = after.filters.x[i], after.filters.C[i]
+        taken = [j for j in range(N_X) if j not in own]
+        assert np.array_equal(x[taken], best_x[taken])
+        assert np.array_equal(C[np.ix_(taken, taken)], best_C[np.ix_(taken, taken)])
+        assert x[S] == 0.0
+        assert C[S, S] == pytest.approx(bank().friction ** 2)
+        assert not C[np.ix_(taken, sorted(own))].any()
+        assert np.linalg.eigvalsh(C / np.sqrt(np.outer(np.diag(C), np.diag(C)))).min() > -1e-9
+        assert np.array_equal(after.filters.x0[i], x)
+        assert after.settling[i] == 0
+    # A held creep is where its own hypothesis starts, past the peak, and not where dry rail has it.
+    assert after.filters.x[HELD, L_L] > 2.0 * best_x[L_L]
+    assert after.filters.x[HELD, THETA] == best_x[THETA]
+    assert not belief.gained.any()
+
+
+def test_the_best_the_likely_and_the_gaining_go_on(renewed: tuple[Memory, Memory, Belief]) -> None:
+    before, after, _ = renewed
+    for i in (DRY, WET, HOPEFUL):
+        assert np.array_equal(after.filters.x[i], before.filters.x[i])
+        assert np.array_equal(after.filters.C[i], before.filters.C[i])
+
+
+def test_friction_does_not_move_before_a_filter_has_settled(drive: object) -> None:
+    log: Log = drive("dry", 40.0, 4000.0, 600)  # type: ignore[operator]
+    with_prior = AdhesionBank(hypotheses=[Hypothesis("dry")])
+    told = with_prior.look_at(log, with_prior.hypotheses())[0][:, 0]
+    lost = np.flatnonzero(told[:, -1])
+    settled = 19 if lost.size == 0 else 20 + int(lost[-1])
+    assert np.abs(told[:19, FRICTION]).max() < 0.4 * with_prior.friction
+    assert np.sqrt(told[:19, VAR_FRICTION]).max() < 0.7 * with_prior.friction
+    assert np.sqrt(told[settled + 1, VAR_FRICTION]) > 0.7 * with_prior.friction
+
+
+@given(
+    st.sampled_from(sorted(CONDITIONS)), st.floats(0.8, 1.25), st.floats(1.0, 100.0), st.floats(1e-5, 0.05),
+    st.floats(-0.05, 0.05),
+)  # fmt: skip
+def test_a_larger_patch_is_a_rail_with_larger_reductions(
+    name: str, size: float, v: float, a: float, b: float
+) -> None:
+    nominal, load = ContactPatch(), 79.7e3
+    larger = ContactPatch(a=size * nominal.a, b=size * nominal.b)
+    rail = CONDITIONS[name]
+    expected = creep_force(rail_row(rail), patch_row(larger, load), v, a, b, 0.0)
+    found = creep_force(rail_row(rail_of(rail, size)), patch_row(nominal, load), v, a, b, 0.0)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("usual", [with_torque, without_torque])
+def test_sizes_of_the_patch_share_the_prior_of_their_hypothesis(usual: object) -> None:
+    few, many = usual(CONDITIONS), usual(CONDITIONS, PATCHES)  # type: ignore[operator]
+    assert len({h.name for h in many}) == len(many)
+    one, all_sizes = AdhesionBank(patches=(1.0,)).rules(few).prior, AdhesionBank().rules(many).prior
+    for h, p in zip(few, one[:-1], strict=True):
+        alike = [
+            q
+            for g, q in zip(many, all_sizes[:-1], strict=True)
+            if (g.condition, g.branch, g.creep) == (h.condition, h.branch, h.creep)
+        ]
+        assert len(alike) == (1 if h.branch == "held" and h.creep >= 1.0 else len(PATCHES))
+        assert sum(alike) == pytest.approx(p)
+
+
+def test_a_rail_changes_and_a_patch_lasts() -> None:
+    hypotheses = with_torque(CONDITIONS, PATCHES)
+    turn = AdhesionBank().rules(hypotheses).turn
+    assert turn.sum(axis=1) == pytest.approx(1.0)
+    for i, h in enumerate(hypotheses):
+        for j, g in enumerate(hypotheses):
+            if not h.past_peak and not g.past_peak:
+                same = hypotheses.index(Hypothesis(g.condition, patch=h.patch))
+                assert turn[i, j] == pytest.approx(turn[i, same] * (1.0 if g.patch == h.patch else 1e-3))
+
+
+def test_refuses_a_patch_of_no_size() -> None:
+    with pytest.raises(ValueError, match=r"contact patch of 0\.0 times"):
+        Hypothesis("dry", patch=0.0)
