@@ -112,11 +112,12 @@ def shape(memory: AdhesionMemory, first: NDArray[np.float64]) -> tuple[float, fl
     """Return the greatest trace and condition number over the filters, in the units `first` (n, 12)."""
     traces, conditions = [], []
     for C, units in zip(memory.filters.C, first, strict=True):
-        kept = units > 0.0  # without offsets of the sensors
+        kept = units > 0.0
         scaled = C[np.ix_(kept, kept)] / np.outer(units[kept], units[kept])
         traces.append(np.trace(scaled))
         own = np.sqrt(np.diag(scaled))
-        conditions.append(np.linalg.cond(scaled / np.outer(own, own)))
+        free = own > 0.0  # without the friction of a filter that has not settled yet
+        conditions.append(np.linalg.cond(scaled[np.ix_(free, free)] / np.outer(own[free], own[free])))
     return float(np.max(traces)), float(np.max(conditions))
 
 
