@@ -33,6 +33,9 @@ __all__ = ["evaluate", "function_of"]
 _EVERY = 0.01
 #: Probability from which on a bank that does not say whether it can be trusted is trusted.
 _SURE = 0.9
+#: Normalised innovations squared of the best linear filter above which something happens that none of them
+#: knows, such as an impact of a flange.
+_FITS = 2.0
 
 
 def function_of(study: Study) -> Callable[[Case], dict[str, Any]]:
@@ -155,14 +158,14 @@ def _exact(recording: Recording, trial: Trial, window: float) -> Answer:
 
 
 def _of_regions(name: str, bank: RegionBank, log: Log) -> Answer:
-    """Return what a bank of linear filters says of a log; it is trusted where it is sure."""
+    """Return what a bank of linear filters says; trusted where it is sure and its model fits."""
     said = bank.run(log)
     return Answer(
         bank=name,
         time=said.time,
         samples=np.rint((said.time - log.time[0]) / log.h).astype(np.int64),
         p_region=said.p_region,
-        identifiable=said.p_region.max(axis=1) >= _SURE,
+        identifiable=(said.p_region.max(axis=1) >= _SURE) & (said.nis < _FITS),
     )
 
 
