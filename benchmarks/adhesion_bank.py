@@ -94,8 +94,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--friction", type=float, default=0.05)
+    parser.add_argument("--known", action="store_true", help="offsets of the sensors and patch are known")
     options = parser.parse_args()
-    bank, windows, peaks = AdhesionBank(), (1.0, 5.0), []
+    bank = AdhesionBank(bias=(0.0, 0.0), patches=(1.0,)) if options.known else AdhesionBank()
+    windows, peaks = (1.0, 5.0), []
     print("condition  m/s   window s   right   worst utilisation")
     for condition, speed in itertools.product(CONDITIONS, SPEEDS):
         trials = [

@@ -54,6 +54,8 @@ class Prior(NamedTuple):
     b_a: float = 0.0
 
 
+#: Of the interval in which the creep is sought: to 1e-7 of it, where the prior leaves a tenth of the creep.
+_HALVINGS = 24
 #: The guiding creepage is held back by the yaw stiffness, whatever the rail.
 _GUIDANCE = 3e-4
 _LATERAL = 1e-3
@@ -87,7 +89,7 @@ def start_creep(  # pragma: no cover - compiled
     in_reach = _rolling_torque(car, rails, v, lowest) <= wanted <= _rolling_torque(car, rails, v, highest)
     if not in_reach:
         return math.copysign(creep * peak if held else peak, torque)
-    for _ in range(50):
+    for _ in range(_HALVINGS):
         middle = 0.5 * (lower + upper)
         if (_rolling_torque(car, rails, v, middle) < wanted) == past:
             upper = middle
