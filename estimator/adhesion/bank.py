@@ -114,6 +114,10 @@ class AdhesionBank:
                     f"adhesion bank: got the condition {side!r}, expected one of "
                     f"{', '.join(self.conditions)}; define it among the conditions"
                 )
+        if len(patches) == 0:
+            raise ValueError(
+                "adhesion bank: got no sizes of the contact patch, expected at least one; 1 is the usual one"
+            )
         self.patches = tuple(patches)
         usual = (*with_torque(self.conditions, self.patches), *without_torque(self.conditions, self.patches))
         rails = {(side, h.patch) for h in self._hypotheses or usual for side in h.sides}
@@ -179,7 +183,7 @@ class AdhesionBank:
                 until = min(since + stride, rows)
                 list(pool.map(run, range(n)))
                 judge_blocks(rules, belief, told, at_end, work, said, since, until)
-                if until % stride == 0:
+                if rules.renewal > 0 and until % rules.renewal == 0:
                     last = until * self.block - 1
                     renew(design, memory, belief, speed[last], torque[last])
         return told, said

@@ -135,3 +135,8 @@ def test_a_rail_changes_and_a_patch_lasts() -> None:
 def test_refuses_a_patch_of_no_size() -> None:
     with pytest.raises(ValueError, match=r"contact patch of 0\.0 times"):
         Hypothesis("dry", patch=0.0)
+
+
+def test_refuses_no_patch_at_all() -> None:
+    with pytest.raises(ValueError, match="got no sizes of the contact patch"):
+        AdhesionBank(patches=())
