@@ -66,10 +66,7 @@ def renew(  # pragma: no cover - compiled
 ) -> None:
     """Let all filters begin again whose hypotheses have no chance and have lost since the last renewal."""
     n = design.held.shape[0]
-    best = 0
-    for i in range(n):
-        if belief.p[i] > belief.p[best]:
-            best = i
+    best = int(belief.p[:n].argmax())
     for i in range(n):
         hopeless = belief.p[i] < _CHANCE * belief.p[best]
         if hopeless and belief.gained[i] < belief.gained[best]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from co_sim.wheelset.results import FilterDesign
     from co_sim.wheelset.studies.study import Study
     from co_sim.wheelset.studies.trial import Trial
-    from estimator import RegionBank
+    from estimator import RegionBank, SensorNoise
 
 __all__ = ["evaluate", "function_of"]
 
@@ -106,16 +106,22 @@ def _recursive(recording: Recording, trial: Trial, window: float) -> Answer:
     return _adhesion(recording, trial, None)
 
 
+def _as_they_are(recording: Recording, trial: Trial) -> tuple[Log, SensorNoise]:
+    """Return log and noise for one who knows the sensors: a bias that is known is subtracted."""
+    from estimator import SensorNoise
+
+    log = _log(recording, biases=(trial.gyro_bias, trial.accelerometer_bias))
+    return log, SensorNoise(trial.noise * NOISE[0], trial.noise * NOISE[1])
+
+
 def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
     """Return what can be said by one who knows the plant as it is."""
-    from estimator import SensorNoise
     from estimator.adhesion import AdhesionBank
 
-    # A bias that is known is subtracted.
-    log = _log(recording, biases=(trial.gyro_bias, trial.accelerometer_bias))
+    log, noise = _as_they_are(recording, trial)
     bank = AdhesionBank(
         wheelset=trial.wheelset,
-        noise=SensorNoise(trial.noise * NOISE[0], trial.noise * NOISE[1]),
+        noise=noise,
         track=ERRI_B176[trial.track],
         h=log.h,
         # After a drop a window would hold the old rail as well.
@@ -142,13 +148,13 @@ def _known(recording: Recording, trial: Trial, window: float) -> Answer:
 
 def _exact(recording: Recording, trial: Trial, window: float) -> Answer:
     """Return the region as one can tell it who knows the plant, and that the creep is one of four."""
-    from estimator import RegionBank, SensorNoise
+    from estimator import RegionBank
 
-    log = _log(recording, biases=(trial.gyro_bias, trial.accelerometer_bias))
+    log, noise = _as_they_are(recording, trial)
     bank = RegionBank(
         trial.curve,
         trial.wheelset,
-        SensorNoise(trial.noise * NOISE[0], trial.noise * NOISE[1]),
+        noise,
         ERRI_B176[trial.track],
         log.h,
         window=window,
