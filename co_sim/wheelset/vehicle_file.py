@@ -32,6 +32,7 @@ class _Unknown(BaseModel):
     patches: tuple[Annotated[float, Field(gt=0.5, lt=2.0)], ...] = Field(
         PATCHES, min_length=1, description="sizes of the contact patches held possible, over the nominal one"
     )
+    unlike_rails: bool = Field(True, description="whether left and right rail may differ")
 
 
 class _Unknowns(BaseModel):
@@ -48,13 +49,14 @@ class Vehicle:
     ----------
     wheelset : its parameters. conditions : by name, those of `CONDITIONS`.
     bias : standard deviations of the sensors' offsets. patches : sizes of the contact patches that are held
-        possible; both as in `AdhesionBank`.
+        possible. unlike_rails : whether left and right rail may differ; all as in `AdhesionBank`.
     """
 
     wheelset: WheelsetParameters = field(default_factory=WheelsetParameters)
     conditions: Mapping[str, RailCondition] = field(default_factory=lambda: dict(CONDITIONS))
     bias: tuple[float, float] = BIAS
     patches: tuple[float, ...] = PATCHES
+    unlike_rails: bool = True
 
 
 def read_vehicle(path: Path) -> Vehicle:
@@ -73,7 +75,7 @@ def read_vehicle(path: Path) -> Vehicle:
     scenario = _scenario(path.name, wheelset, conditions)
     rails = {name: scenario.condition(name) for name in CONDITIONS}
     bias = (unknown.gyro_bias, unknown.accelerometer_bias)
-    return Vehicle(scenario.parameters, rails, bias, unknown.patches)
+    return Vehicle(scenario.parameters, rails, bias, unknown.patches, unknown.unlike_rails)
 
 
 def read_wheelset(path: Path) -> WheelsetParameters:

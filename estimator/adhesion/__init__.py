@@ -4,7 +4,7 @@ from estimator.adhesion.bank import AdhesionBank
 from estimator.adhesion.curves import REGIONS
 from estimator.adhesion.fuzzy import FuzzyIdentifier, Verdict
 from estimator.adhesion.fuzzy_rules import fuzzy_system
-from estimator.adhesion.hypotheses import Hypothesis, with_unlike_rails
+from estimator.adhesion.hypotheses import Hypothesis, unlike_rails
 from estimator.adhesion.online import new_judgement
 from estimator.adhesion.result import AdhesionIdentification
 
@@ -17,5 +17,5 @@ __all__ = [
     "Verdict",
     "fuzzy_system",
     "new_judgement",
-    "with_unlike_rails",
+    "unlike_rails",
 ]

@@ -6,7 +6,6 @@ import math
 import os
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -18,10 +17,18 @@ from estimator.adhesion.curves import REGIONS, curves_of
 from estimator.adhesion.ekf import Noise, Track
 from estimator.adhesion.evidence import Belief, Judgement, Rules
 from estimator.adhesion.fuzzy import FuzzyIdentifier
-from estimator.adhesion.hypotheses import Hypothesis, rail_of, with_torque, without_torque
+from estimator.adhesion.hypotheses import (
+    FRICTIONS,
+    Hypothesis,
+    rail_of,
+    stand_ins,
+    unlike_rails,
+    with_torque,
+    without_torque,
+)
 from estimator.adhesion.motion import Vehicle
 from estimator.adhesion.online import bank_step, judge_blocks, new_judgement, new_work, rate_of
-from estimator.adhesion.renewal import renew
+from estimator.adhesion.renewal import renew, speak_for_the_sleeping
 from estimator.adhesion.result import AdhesionIdentification
 from estimator.adhesion.start import Prior
 from estimator.sensor_noise import SensorNoise
@@ -60,6 +67,8 @@ _FAR = 0.01
 _TORQUE_RMS, _TORQUE_NOISE = 6.25e-3, 1.25e-5
 #: How much less likely than another condition it is that the patch becomes another one.
 _OTHER_PATCH = 1e-3
+#: How likely before the data a creep past the peak and a pair of unlike rails are.
+_PAST_PEAK, _UNLIKE = 0.1, 0.01
 _BOTH = np.ones(2, dtype=np.bool_)
 
 
@@ -80,6 +89,8 @@ class AdhesionBank:
     bias : standard deviations of the offsets of gyro (rad/s) and accelerometer (m/s2); 0: none.
     patches : sizes of the contact patches that are held possible, over that of the wheelset. They take part
         in the usual hypotheses, and last when the condition changes.
+    unlike : whether the usual hypotheses have unlike rails under left and right wheel, where the torque is
+        known.
     """
 
     def __init__(
@@ -96,6 +107,7 @@ class AdhesionBank:
         friction: float = 0.05,
         bias: tuple[float, float] = BIAS,
         patches: Sequence[float] = PATCHES,
+        unlike: bool = True,
     ) -> None:
         if not (math.isfinite(h) and h > 0.0):
             raise ValueError(
@@ -118,9 +130,9 @@ class AdhesionBank:
             raise ValueError(
                 "adhesion bank: got no sizes of the contact patch, expected at least one; 1 is the usual one"
             )
-        self.patches = tuple(patches)
-        usual = (*with_torque(self.conditions, self.patches), *without_torque(self.conditions, self.patches))
-        rails = {(side, h.patch) for h in self._hypotheses or usual for side in h.sides}
+        self.patches, self.unlike = tuple(patches), unlike
+        possible = {*self.hypotheses(), *self.hypotheses(torque_known=False)}
+        rails = {(side, h.patch) for h in possible for side in h.sides}
         self._rails = {key: rail_of(self.conditions[key[0]], key[1]) for key in sorted(rails)}
         self._curves = curves_of(list(self._rails.values()), self.wheelset)
         self.block = max(round(BLOCK / h), 1)
@@ -130,8 +142,11 @@ class AdhesionBank:
         """Return what is held possible, in the order of the results."""
         if self._hypotheses is not None:
             return self._hypotheses
-        usual = with_torque if torque_known else without_torque
-        return usual(self.conditions, self.patches)
+        if not torque_known:
+            return without_torque(self.conditions, self.patches)
+        frictions = FRICTIONS if self.friction > 0.0 else FRICTIONS[:1]
+        pairs = unlike_rails(self.conditions) if self.unlike else ()
+        return *with_torque(self.conditions, self.patches, frictions), *pairs
 
     def run(self, log: Log, *, every: float = BLOCK, workers: int | None = None) -> AdhesionIdentification:
         """Identify over a log.
@@ -161,7 +176,7 @@ class AdhesionBank:
     def look_at(
         self, log: Log, hypotheses: Sequence[Hypothesis], *, workers: int | None = None
     ) -> tuple[Array, Judgement]:
-        """Return what the filters tell of each block of a log, (blocks, n, 13), and what follows from it."""
+        """Return what the filters tell of each block of a log, (blocks, n, 14), and what follows from it."""
         n, design, rules = len(hypotheses), self.design(hypotheses), self.rules(hypotheses)
         rows = len(log) // self.block
         torque = np.full(len(log), np.nan) if log.traction_torque is None else log.traction_torque
@@ -181,7 +196,8 @@ class AdhesionBank:
         with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
             for since in range(0, rows, stride):
                 until = min(since + stride, rows)
-                list(pool.map(run, range(n)))
+                list(pool.map(run, np.flatnonzero(memory.voice == np.arange(n))))
+                speak_for_the_sleeping(design, memory, told[since:until])
                 judge_blocks(rules, belief, told, at_end, work, said, since, until)
                 if rules.renewal > 0 and until % rules.renewal == 0:
                     last = until * self.block - 1
@@ -203,7 +219,7 @@ class AdhesionBank:
 
     @property
     def told(self) -> Array:
-        """What the filters told of the last block that `step` has ended, (n, 13); see `block.py`."""
+        """What the filters told of the last block that `step` has ended, (n, 14); see `block.py`."""
         return self._work.told
 
     @property
@@ -256,7 +272,7 @@ class AdhesionBank:
             k_s=w.k_s, c_s=w.c_s, k_psi=w.k_w - 2.0 * w.N * w.contact_angle * w.L_g, c_psi=w.c_w,
             k_y=w.k_y, c_y=w.c_y, k_rel=2.0 * w.N * w.contact_angle_rate, v_min=_SLOWEST,
         )  # fmt: skip
-        decay, load = 1.0 / _FRICTION_TIME, 2.0 * w.r0 * w.N
+        load = 2.0 * w.r0 * w.N
         return Design(
             car=car,
             track=Track(track.Omega_c, track.Omega_r, math.pi * track.A * track.Omega_c**2),
@@ -267,14 +283,14 @@ class AdhesionBank:
                 W_u=1e-8,
                 W_r=1e-8,
                 W_torque=(_TORQUE_NOISE * load) ** 2,
-                s_decay=decay,
-                W_s=2.0 * decay * self.friction**2,
+                s_decay=1.0 / _FRICTION_TIME,
                 W_bg=1e-3 * self.bias[0] ** 2,
                 W_ba=1e-3 * self.bias[1] ** 2,
             ),
-            prior=Prior(s=self.friction, b_g=self.bias[0], b_a=self.bias[1]),
+            prior=Prior(b_g=self.bias[0], b_a=self.bias[1]),
             curves=self._curves,
             rails=np.array([[rows[side, h.patch] for side in h.sides] for h in hypotheses]),
+            friction=self.friction * np.array([h.friction for h in hypotheses]),
             held=np.array([h.branch == "held" for h in hypotheses]),
             creep=np.array([h.creep for h in hypotheses]),
             W_creep=np.array(
@@ -284,6 +300,12 @@ class AdhesionBank:
                 ]
             ),
             curve=self._places(hypotheses),
+            stand_in=np.array(stand_ins(hypotheses), dtype=np.int64),
+            # By name, so that the order of the conditions does not decide which are tried first.
+            unlike=np.array(
+                sorted((i for i, h in enumerate(hypotheses) if h.unlike), key=lambda i: hypotheses[i].name),
+                dtype=np.int64,
+            ),
             h=self.h,
             block=self.block,
             quiet=np.array([0.05, 1.25]),
@@ -301,8 +323,9 @@ class AdhesionBank:
         """Return how the evidence is weighed."""
         names = list(self.conditions)
         block = self.block * self.h
-        alike = Counter(replace(h, patch=1.0) for h in hypotheses)
-        weights = np.array([(0.1 if h.past_peak else 1.0) / alike[replace(h, patch=1.0)] for h in hypotheses])
+        rails = stand_ins(hypotheses)
+        alike = Counter(rails)
+        weights = np.array([_weight(h) / alike[rail] for h, rail in zip(hypotheses, rails, strict=True)])
         none = 0.01
         prior = np.append((1.0 - none) * weights / weights.sum(), none)
         return Rules(
@@ -313,7 +336,7 @@ class AdhesionBank:
             clip=10.0,
             none=2.0,
             window=0 if self.window is None else max(round(self.window / block), 1),
-            condition=np.array([names.index(h.condition) for h in hypotheses], dtype=np.int64),
+            condition=np.array([names.index(self._weaker(h)) for h in hypotheses], dtype=np.int64),
             curve=self._places(hypotheses),
             load=self.wheelset.N * 2.0 * self.wheelset.r0,
             spread=0.006,
@@ -323,6 +346,15 @@ class AdhesionBank:
             # Evidence of one window has no memory: nothing is hopeless.
             renewal=round(_RENEWAL / block) if self.window is None else 0,
         )
+
+    def _weaker(self, hypothesis: Hypothesis) -> str:
+        """Return the condition of the rail with the lower peak."""
+
+        def peak(side: str) -> float:
+            place = list(self._rails).index((side, hypothesis.patch))
+            return float(self._curves.values[place, :, :, 0].mean())
+
+        return min(hypothesis.sides, key=peak)
 
     def new_belief(self, rules: Rules) -> Belief:
         """Return what is believed before the first block."""
@@ -357,6 +389,11 @@ class AdhesionBank:
             conditions=tuple(self.conditions),
             hypotheses=tuple(h.name for h in hypotheses),
         )
+
+
+def _weight(hypothesis: Hypothesis) -> float:
+    """Return how likely a hypothesis is before the data, over one of a driven wheelset on like rails."""
+    return _PAST_PEAK if hypothesis.past_peak else _UNLIKE if hypothesis.unlike else 1.0
 
 
 def _turns(hypotheses: Sequence[Hypothesis], prior: Array) -> Array:

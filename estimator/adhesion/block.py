@@ -36,9 +36,10 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 #: What a block tells: sums of log-likelihood, squares and number; the last innovations, their variances and
-#: the torque; then creep, its variance, friction's logarithm, its variance, whether it was lost.
-CREEP, VAR_CREEP, FRICTION, VAR_FRICTION, LOST = range(8, 13)
-N_TOLD = 13
+#: the torque; then creep, its variance, friction's logarithm, its variance, whether it was lost, and whether
+#: a filter of these rails has looked at the block.
+CREEP, VAR_CREEP, FRICTION, VAR_FRICTION, LOST, LOOKED = range(8, 14)
+N_TOLD = 14
 #: Blocks from the start of a filter until its friction may move. What a wheelset does in its first tenths
 #: of a second, before it runs as it would by itself, looks like little friction, and is believed at once.
 _SETTLING = 20
@@ -51,10 +52,12 @@ _GREATEST_CREEP = 1.0
 class Design(NamedTuple):
     """What the filters of a bank read; n filters.
 
-    `rails` (n, 2, 5), `held` (n,), `creep` (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2)
-    the places of both rails in `curves`; `h` step (s) and `block` its samples; `quiet` (2,) the share of a
-    block in the running mean of the normalised squares and its bound beyond which a filter is lost; `far`
-    the offset from the track beyond which it is, m.
+    `rails` (n, 2, 5), `friction` (n, 2) mean and standard deviation of its logarithm, `held` (n,),
+    `creep` (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2) the places of both rails in
+    `curves`, `stand_in` (n,) the filter that stands in for each while its rail has no chance, `unlike`
+    the filters of unlike rails in the order in which they are tried; `h` step (s) and `block` its
+    samples; `quiet` (2,) the share of a block in the running mean of the normalised squares and its bound
+    beyond which a filter is lost; `far` the offset from the track beyond which it is, m.
     """
 
     car: Vehicle
@@ -63,10 +66,13 @@ class Design(NamedTuple):
     prior: Prior
     curves: Curves
     rails: Array
+    friction: Array
     held: Flags
     creep: Array
     W_creep: Array
     curve: Indices
+    stand_in: Indices
+    unlike: Indices
     h: float
     block: int
     quiet: Array
@@ -78,7 +84,8 @@ class Memory(NamedTuple):
 
     `Filter` in stacks; what they have told of the block so far (n, 8); the running mean of the normalised
     squares of their innovations (n,); for how many blocks there was nothing to measure, and in how many the
-    friction may move (n,); the speed smoothed (1,).
+    friction may move (n,); which filter speaks for each (n,), itself while it is awake, and how many unlike
+    rails have been tried (1,), see `renewal.py`; the speed smoothed (1,).
     """
 
     filters: Filter
@@ -86,6 +93,8 @@ class Memory(NamedTuple):
     squares: Array
     silence: Indices
     settling: Indices
+    voice: Indices
+    tried: Indices
     speed: Array
 
 
@@ -94,7 +103,8 @@ def new_memory(n: int) -> Memory:
     shapes = ((N_X,), (N_X, N_X), (N_X,), (5,), (5, N_X), (7,), (1,))
     filters = Filter(*(np.zeros((n, *shape)) for shape in shapes))
     silence, settling = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
-    return Memory(filters, np.zeros((n, 8)), np.ones(n), silence, settling, np.zeros(1))
+    voice, tried = np.arange(n), np.zeros(1, dtype=np.int64)
+    return Memory(filters, np.zeros((n, 8)), np.ones(n), silence, settling, voice, tried, np.zeros(1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -116,11 +126,11 @@ def begin_filter(  # pragma: no cover - compiled
     design: Design, memory: Memory, i: int, v: float, torque: float
 ) -> None:
     """Start filter `i` from its prior."""
-    v = max(v, design.car.v_min)
-    peak = math.exp(landmarks(design.curves, design.curve[i, 0], v, 0.0)[1])
-    peak = min(peak, math.exp(landmarks(design.curves, design.curve[i, 1], v, 0.0)[1]))
+    v, s = max(v, design.car.v_min), design.friction[i, 0]
+    peak = math.exp(landmarks(design.curves, design.curve[i, 0], v, s)[1])
+    peak = min(peak, math.exp(landmarks(design.curves, design.curve[i, 1], v, s)[1]))
     rails = design.rails[i]
-    creep = start_creep(design.car, rails, v, torque, peak, design.held[i], design.creep[i])
+    creep = start_creep(design.car, rails, v, torque, peak, design.held[i], design.creep[i], s)
     start_filter(
         design.car,
         design.track,
@@ -130,6 +140,7 @@ def begin_filter(  # pragma: no cover - compiled
         v,
         torque,
         creep,
+        s,
         one(memory.filters, i),
     )
     memory.squares[i] = 1.0
@@ -145,8 +156,9 @@ def take_sample(  # pragma: no cover - compiled
     if first:
         begin_filter(design, memory, i, v, torque)
     filter_step(
-        design.car, design.track, design.noise, design.rails[i], design.held[i], design.W_creep[i], first,
-        design.h, v, v_dot, torque, z[0] if usable[0] else math.nan, z[1] if usable[1] else math.nan,
+        design.car, design.track, design.noise, design.rails[i], design.friction[i], design.held[i],
+        design.W_creep[i], first, design.h, v, v_dot, torque,
+        z[0] if usable[0] else math.nan, z[1] if usable[1] else math.nan,
         one(memory.filters, i), parted(work), memory.told[i],
     )  # fmt: skip
 
@@ -155,7 +167,7 @@ def take_sample(  # pragma: no cover - compiled
 def end_block(  # pragma: no cover - compiled
     design: Design, memory: Memory, i: int, v: float, torque: float, row: Array
 ) -> None:
-    """Write what filter `i` tells of a block to row (13,); start it again if it is lost."""
+    """Write what filter `i` tells of a block to row (14,); start it again if it is lost."""
     told, kept = memory.told[i], one(memory.filters, i)
     x, C = kept.x, kept.C
     for j in range(told.shape[0]):
@@ -172,11 +184,11 @@ def end_block(  # pragma: no cover - compiled
     sound = sound and abs(x[Y]) < design.far
     for j in range(N_X):
         sound = sound and math.isfinite(x[j]) and C[j, j] >= 0.0
-    row[LOST] = 0.0
+    row[LOST], row[LOOKED] = 0.0, 1.0
     if memory.settling[i] > 0:
         memory.settling[i] -= 1
         if memory.settling[i] == 0:
-            C[S, S] += design.prior.s**2
+            C[S, S] += design.friction[i, 1] ** 2
     if memory.silence[i] >= _SILENCE:
         begin_filter(design, memory, i, v, torque)
     elif not sound or memory.squares[i] > design.quiet[1]:
@@ -190,17 +202,17 @@ def run_filter(  # pragma: no cover - compiled
     v: Array, v_dot: Array, torque: Array, z: Array, usable: Flags, work: Array, rows: Array,
     since: int, until: int,
 ) -> None:  # fmt: skip
-    """Run filter `i` over blocks `since` to before `until` of z (T, 2); writes rows (blocks, n, 13).
+    """Run filter `i` over blocks `since` to before `until` of z (T, 2); writes rows (blocks, n, 14).
 
     Arrays are taken apart once: a view costs as much as many a line of the filter.
     """
-    kept, room, told, rails = one(memory.filters, i), parted(work), memory.told[i], design.rails[i]
-    held, W_creep = design.held[i], design.W_creep[i]
+    kept, room, told = one(memory.filters, i), parted(work), memory.told[i]
+    rails, friction, held, W_creep = design.rails[i], design.friction[i], design.held[i], design.W_creep[i]
     if since == 0:
         begin_filter(design, memory, i, v[0], torque[0])
     for k in range(since * design.block, until * design.block):
         filter_step(
-            design.car, design.track, design.noise, rails, held, W_creep, k == 0, design.h,
+            design.car, design.track, design.noise, rails, friction, held, W_creep, k == 0, design.h,
             v[k], v_dot[k], torque[k], z[k, 0] if usable[k, 0] else math.nan,
             z[k, 1] if usable[k, 1] else math.nan, kept, room, told,
         )  # fmt: skip

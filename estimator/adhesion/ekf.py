@@ -58,7 +58,6 @@ class Noise(NamedTuple):
     W_r: float
     W_torque: float
     s_decay: float
-    W_s: float
     W_bg: float
     W_ba: float
 
@@ -196,9 +195,12 @@ def _fast(slow: Slow, h: float, push: float, kept: Filter, room: Room) -> None: 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _add_slow_noise(  # pragma: no cover - compiled
-    noise: Noise, h: float, over_track: Array, x: Array, C: Array
+    noise: Noise, friction: Array, h: float, over_track: Array, x: Array, C: Array
 ) -> None:
-    """Add the noise of the slow states over h; the friction returns to its condition, so it grows vague."""
+    """Add the noise of the slow states over h.
+
+    The friction, with its mean and deviation (2,), returns to its condition, so it grows vague.
+    """
     C[P, P] += over_track[4]
     for i, sign in ((Q, 1.0), (Y, -1.0)):
         C[i, i] += over_track[6]
@@ -206,20 +208,21 @@ def _add_slow_noise(  # pragma: no cover - compiled
         C[P, i] += sign * over_track[5]
     C[Q, Y] -= over_track[6]
     C[Y, Q] -= over_track[6]
-    keep = 1.0 - h * noise.s_decay
-    x[S] *= keep
+    left = h * noise.s_decay
+    keep = 1.0 - left
+    x[S] = keep * x[S] + left * friction[0]
     for j in range(N_X):
         C[S, j] *= keep
     for j in range(N_X):
         C[j, S] *= keep
-    C[S, S] += h * noise.W_s
+    C[S, S] += 2.0 * left * friction[1] * friction[1]
     C[B_G, B_G] += h * noise.W_bg
     C[B_A, B_A] += h * noise.W_ba
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def predict(  # pragma: no cover - compiled
-    car: Vehicle, track: Track, noise: Noise, held: bool, W_creep: float,
+    car: Vehicle, track: Track, noise: Noise, friction: Array, held: bool, W_creep: float,
     v: float, torque: float, h: float, kept: Filter, room: Room,
 ) -> None:  # fmt: skip
     """Advance x and C of a filter by h.
@@ -240,7 +243,7 @@ def predict(  # pragma: no cover - compiled
     _fast(slow, h, 0.0 if held else (torque - half) * per_torque, kept, room)
     move_slow(slow, x)
     spread(slow, room.M, kept.C, room.all)
-    _add_slow_noise(noise, h, over_track, x, kept.C)
+    _add_slow_noise(noise, friction, h, over_track, x, kept.C)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -288,15 +291,16 @@ def _measure(  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def filter_step(  # pragma: no cover - compiled
-    car: Vehicle, track: Track, noise: Noise, rails: Array, held: bool, W_creep: float, first: bool,
-    h: float, v: float, v_dot: float, torque: float, z_yaw: float, z_acc: float, kept: Filter, room: Room,
-    told: Array,
+    car: Vehicle, track: Track, noise: Noise, rails: Array, friction: Array, held: bool, W_creep: float,
+    first: bool, h: float, v: float, v_dot: float, torque: float, z_yaw: float, z_acc: float, kept: Filter,
+    room: Room, told: Array,
 ) -> None:  # fmt: skip
     """Advance one filter by one sample.
 
     Parameters
     ----------
-    rails : (2, 5) left and right. held : the creep does not follow the torque.
+    rails : (2, 5) left and right. friction : (2,) mean and standard deviation of its logarithm.
+    held : the creep does not follow the torque.
     W_creep : intensity of the noise of a held creep, 1/s. first : no step before this sample.
     v, v_dot, torque : speed (m/s), its rate and the torque on the axle (N m, NaN: unknown).
     z_yaw, z_acc : yaw rate (rad/s) and lateral acceleration (m/s2), NaN if they may not be used.
@@ -307,7 +311,7 @@ def filter_step(  # pragma: no cover - compiled
     """
     x, x0 = kept.x, kept.x0
     if not first:
-        predict(car, track, noise, held, W_creep, v, torque, h, kept, room)
+        predict(car, track, noise, friction, held, W_creep, v, torque, h, kept, room)
     put(x0, 0, row(x, 0))
     linearise(car, rails, held, v, v_dot, x, kept.C, kept.f, kept.J)
     kept.torque[0] = torque

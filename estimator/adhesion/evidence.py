@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import CREEP, FRICTION, VAR_CREEP, VAR_FRICTION
+from estimator.adhesion.block import CREEP, FRICTION, LOOKED, VAR_CREEP, VAR_FRICTION
 from estimator.adhesion.curves import PAST_PEAK, landmarks
 from estimator.adhesion.ekf import COUNT, E_ACC, E_YAW, LOG_L, ON_WHEELS, S_ACC, S_YAW, SQUARE
 
@@ -158,7 +158,7 @@ def _divergence(told: Array, logs: Array, i: int, j: int) -> float:  # pragma: n
 def _learn(rules: Rules, belief: Belief, told: Array, logs: Array) -> None:  # pragma: no cover - compiled
     """Take the divergences between filters of unlike conditions into their running sums.
 
-    logs (n, 2) is work space.
+    Where nobody has looked nothing is learned. logs (n, 2) is work space.
     """
     n = told.shape[0]
     for i in range(n):
@@ -166,7 +166,7 @@ def _learn(rules: Rules, belief: Belief, told: Array, logs: Array) -> None:  # p
         logs[i, 1] = math.log(told[i, S_ACC]) if told[i, S_ACC] > 0.0 else 0.0
     for i in range(n):
         for j in range(n):
-            if rules.condition[i] != rules.condition[j]:
+            if rules.condition[i] != rules.condition[j] and told[i, LOOKED] * told[j, LOOKED] > 0.0:
                 gained = min(told[i, COUNT] * 0.5 * _divergence(told, logs, i, j), rules.clip)
                 belief.information[i, j] += gained - rules.memory * belief.information[i, j]
 
@@ -175,14 +175,17 @@ def _learn(rules: Rules, belief: Belief, told: Array, logs: Array) -> None:  # p
 def _doubt(rules: Rules, belief: Belief, best: int) -> float:  # pragma: no cover - compiled
     """Return the sum of the Chernoff bounds on taking another condition for that of the best filter.
 
-    Between two equal spreads Chernoff's information is a quarter of the divergence.
+    Between two equal spreads Chernoff's information is a quarter of the divergence. Before the data a
+    hypothesis is less likely than the condition of the best filter, and counts by the root of that.
     """
-    total = 0.0
+    total, likely = 0.0, 0.0
     for j in range(rules.condition.shape[0]):
-        if rules.condition[j] != rules.condition[best]:
+        if rules.condition[j] == rules.condition[best]:
+            likely += rules.prior[j]
+        else:
             information = min(belief.information[best, j], belief.information[j, best])
-            total += 0.5 * math.exp(-0.25 * information)
-    return total
+            total += 0.5 * math.sqrt(rules.prior[j]) * math.exp(-0.25 * information)
+    return total / math.sqrt(likely)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -211,7 +214,7 @@ def _quantile(p: Array, peaks: Array, level: float) -> float:  # pragma: no cove
     for _ in range(24):
         middle, below = 0.5 * (lower + upper), 0.0
         for i in range(n):
-            if p[i] > 1e-9 * known:
+            if p[i] > 1e-6 * known:
                 below += p[i] * _normal((middle - peaks[i, 0]) / peaks[i, 1])
         if below < level * known:
             lower = middle
@@ -253,7 +256,7 @@ def judge(  # pragma: no cover - compiled
     said: Judgement,
     row: int,
 ) -> None:
-    """Take block k, told (n, 13), into the belief; write row k of what is said.
+    """Take block k, told (n, 14), into the belief; write row k of what is said.
 
     log_l (n + 1,) and peaks (n, 2) are work space.
     """

@@ -14,10 +14,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import CREEP, FRICTION
+from estimator.adhesion.block import CREEP, FRICTION, LOOKED
 from estimator.adhesion.curves import PAST_PEAK, landmarks
 from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE
 from estimator.adhesion.fuzzy_rules import fuzzy_system
+from estimator.adhesion.hypotheses import stand_ins
 from estimator.advice import Advice, Advisers, advice_score, new_advisers
 from estimator.fuzzy import infer
 from estimator.residuals import window_step
@@ -86,13 +87,15 @@ class Verdict(NamedTuple):
 class Design(NamedTuple):
     """What `fuzzy_block` reads.
 
-    Curves of the conditions, their places by filter (n, 2), one over the variance of the friction's logarithm
-    within a condition, and the system as in `infer`.
+    Curves of the conditions, their places by filter (n, 2), mean of the friction's logarithm and one over its
+    variance (n, 2), which of m kinds each filter is of (n,), and the system as in `infer`. Filters are of one
+    kind if they differ in patch and friction alone; the best of them speaks for it.
     """
 
     curves: Curves
     curve: Indices
-    s_weight: float
+    friction: Array
+    kind: Indices
     corners: Array
     bounds: Array
     clauses: Indices
@@ -110,7 +113,7 @@ class Memory(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Room for a block: (3 n,), (3 n,), (rules,), (outputs, grid), (outputs,) and that of the advisers."""
+    """Room for a block: (3 n,), (3 m,), (rules,), (outputs, grid), (outputs,) and that of the advisers."""
 
     values: Array
     x: Array
@@ -124,7 +127,7 @@ class Work(NamedTuple):
 def _sums(told: Array, values: Array) -> None:  # pragma: no cover - compiled
     """Write number, normalised squares and logarithms of the variances of a block's innovations, (n, 3) flat.
 
-    A filter that says no number counts as the worst that there is.
+    A filter that says no number, or has not looked, counts as the worst that there is.
     """
     n = told.shape[0]
     widest = -math.inf
@@ -135,7 +138,7 @@ def _sums(told: Array, values: Array) -> None:  # pragma: no cover - compiled
     for i in range(n):
         count, square = told[i, COUNT], told[i, SQUARE]
         spread = -(2.0 * told[i, LOG_L] + square)
-        sound = math.isfinite(spread)
+        sound = math.isfinite(spread) and told[i, LOOKED] > 0.0
         values[3 * i] = count
         values[3 * i + 1] = min(square, _CAP * count) if sound else _CAP * count
         values[3 * i + 2] = spread if sound else max(widest, 0.0)
@@ -160,24 +163,26 @@ def _place(design: Design, i: int, told: Array, v: float) -> float:  # pragma: n
 def _see(  # pragma: no cover - compiled
     design: Design, mean: Array, blocks: int, told: Array, v: float, x: Array
 ) -> None:
-    """Write misfit, rms of the residual and place on the creep curve of each filter, (n, 3) flat.
+    """Write misfit, rms of the residual and place on the creep curve of each kind's best filter, (m, 3) flat.
 
     With the residual g^2 = exp(mean ln S) mean(e^2/S), the rms of the innovations in units that all filters
     share, the misfit is N ln(g/g_best): minus the logarithm of the likelihood ratio of N innovations if
     their scale is not known. What the prior of the friction holds against the filter is added: one whose
     friction has gone to that of another condition explains the data as well as that one.
     """
-    n, best = told.shape[0], math.inf
-    for i in range(n):
+    best = math.inf
+    x[:] = math.inf
+    for i in range(told.shape[0]):
         count, square, spread = mean[3 * i], mean[3 * i + 1], mean[3 * i + 2]
         ratio = max(square / count, _TINY) if count > 0.0 else 1.0
-        s = told[i, FRICTION] if math.isfinite(told[i, FRICTION]) else 0.0
-        x[3 * i] = 0.5 * (blocks * (count * math.log(ratio) + spread) + s * s * design.s_weight)
-        x[3 * i + 1] = math.sqrt(ratio)
-        x[3 * i + 2] = _place(design, i, told, v)
-        best = min(best, x[3 * i])
-    for i in range(n):
-        x[3 * i] -= best
+        s = told[i, FRICTION] - design.friction[i, 0] if math.isfinite(told[i, FRICTION]) else 0.0
+        misfit = 0.5 * (blocks * (count * math.log(ratio) + spread) + s * s * design.friction[i, 1])
+        j = 3 * design.kind[i]
+        if misfit < x[j]:
+            x[j], x[j + 1], x[j + 2] = misfit, math.sqrt(ratio), _place(design, i, told, v)
+        best = min(best, misfit)
+    for j in range(0, x.shape[0], 3):
+        x[j] -= best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -204,7 +209,7 @@ def fuzzy_block(  # pragma: no cover - compiled
     design: Design, memory: Memory, work: Work, k: int, told: Array, v: float,
     identifiable: bool, mu_used: float, mu_max_low: float, said: Verdict, row: int,
 ) -> None:  # fmt: skip
-    """Take block k = 0, 1, ..., told (n, 13) at the speed v; write a row of what is said.
+    """Take block k = 0, 1, ..., told (n, 14) at the speed v; write a row of what is said.
 
     `identifiable`, `mu_used` and `mu_max_low` are what the bank says of the block.
     """
@@ -257,13 +262,20 @@ class FuzzyIdentifier:
         self._blocks = round(window / block)
         self._n, self._conditions = len(hypotheses), len(bank.conditions)
         rules = bank.rules(hypotheses)
-        self._system = fuzzy_system(hypotheses, list(bank.conditions)).compile()
+        chosen, kind = np.unique(stand_ins(hypotheses), return_inverse=True)
+        names = list(bank.conditions)
+        rails = [names[rules.condition[i]] for i in chosen]
+        self._system = fuzzy_system([hypotheses[i].name for i in chosen], rails, names).compile()
+        friction = bank.friction * np.array([h.friction for h in hypotheses])
+        weight = np.divide(1.0, friction[:, 1] ** 2, out=np.zeros(self._n), where=friction[:, 1] > 0.0)
         self._design = Design(
             rules.curves,
             rules.curve,
-            0.0 if bank.friction == 0.0 else bank.friction**-2,
+            np.column_stack((friction[:, 0], weight)),
+            kind,
             *self._system.arrays,
         )
+        self._kinds = len(chosen)
         self.reset()
 
     @property
@@ -276,7 +288,7 @@ class FuzzyIdentifier:
         n = 3 * self._n
         self._memory = Memory(np.zeros((self._blocks, n)), np.zeros(n), np.zeros(n))
         self._work = Work(
-            np.empty(n), np.empty(n), np.empty(len(self._system.conclusions)),
+            np.empty(n), np.empty(3 * self._kinds), np.empty(len(self._system.conclusions)),
             np.empty_like(self._system.grid), np.empty(len(self._system.grid)), new_advisers(),
         )  # fmt: skip
 
@@ -291,11 +303,20 @@ class FuzzyIdentifier:
         )
 
     def step(self, k: int, told: Array, speed: float, said: Judgement, verdict: Verdict) -> None:
-        """Take block `k` = 0, 1, ...: told (n, 13), and row 0 of what the bank says; write row 0."""
+        """Take block `k` = 0, 1, ...: told (n, 14), and row 0 of what the bank says; write row 0."""
+        self._check(told)
         _rows(self._design, self._memory, self._work, k, told[None], np.array([abs(speed)]), said, verdict)
 
+    def _check(self, told: Array) -> None:
+        if told.shape[-2] != self._n:
+            raise ValueError(
+                f"fuzzy identifier: got {told.shape[-2]} filters, expected {self._n}; make the identifier "
+                f"for the hypotheses of these filters"
+            )
+
     def run(self, told: Array, speed: Array, said: Judgement) -> Verdict:
-        """Reset, then judge all blocks, told (rows, n, 13), at the speeds (rows,)."""
+        """Reset, then judge all blocks, told (rows, n, 14), at the speeds (rows,)."""
+        self._check(told)
         self.reset()
         verdict = self.new_verdict(len(told))
         _rows(self._design, self._memory, self._work, 0, told, np.abs(speed), said, verdict)

@@ -10,8 +10,6 @@ from estimator.fuzzy import Clause, FuzzySystem, Rule, Term, Variable
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from estimator.adhesion.hypotheses import Hypothesis
-
 __all__ = ["fuzzy_system"]
 
 #: Nats by which the data are likelier under the best filter. Half of them count, as in the evidence of the
@@ -33,8 +31,8 @@ _CREEP = (
 _ANSWER = (Term("no", 0.0, 0.0, 0.0, 0.3), Term("yes", 0.7, 1.0, 1.0, 1.0))
 
 
-def fuzzy_system(hypotheses: Sequence[Hypothesis], conditions: Sequence[str]) -> FuzzySystem:
-    """Return the rules for the filters of these hypotheses.
+def fuzzy_system(names: Sequence[str], rails: Sequence[str], conditions: Sequence[str]) -> FuzzySystem:
+    """Return the rules for filters with these names, on these rails, each one of the `conditions`.
 
     A filter with a small misfit speaks for its own condition and against the others; for the region in which
     it believes its creep to be as far as it is there, and against it as far as it is not; and for the bank as
@@ -46,17 +44,17 @@ def fuzzy_system(hypotheses: Sequence[Hypothesis], conditions: Sequence[str]) ->
     """
     inputs: list[Variable] = []
     rules: list[Rule] = []
-    for i, hypothesis in enumerate(hypotheses):
-        name = f"{i + 1} ({hypothesis.name})"
+    for i, (name_of_filter, rail) in enumerate(zip(names, rails, strict=True)):
+        name = f"{i + 1} ({name_of_filter})"
         inputs += (
             Variable(f"misfit of {name}", _MISFIT, high=_MISFIT[0].d),
             Variable(f"residual of {name}", _RESIDUAL, high=2.0),
             Variable(f"creep of {name}", _CREEP, high=3.0),
         )
-        rules += _rules(name, hypothesis.condition, conditions)
+        rules += _rules(name, rail, conditions)
     regions = (f"region {name}" for name in REGIONS)
-    rails = (f"condition {name}" for name in conditions)
-    outputs = tuple(Variable(name, _ANSWER) for name in (*regions, *rails, "known"))
+    choices = (f"condition {name}" for name in conditions)
+    outputs = tuple(Variable(name, _ANSWER) for name in (*regions, *choices, "known"))
     return FuzzySystem(tuple(inputs), outputs, tuple(rules))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
@@ -9,16 +10,28 @@ from typing import TYPE_CHECKING, Literal
 from fmu_wheelset.parameters import CONDITIONS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from fmu_wheelset.parameters import RailCondition
 
-__all__ = ["Hypothesis", "rail_of", "with_torque", "with_unlike_rails", "without_torque"]
+__all__ = [
+    "FRICTIONS",
+    "Hypothesis",
+    "rail_of",
+    "stand_ins",
+    "unlike_rails",
+    "with_torque",
+    "without_torque",
+]
 
 #: Creeps over that of the peak with which filters start where nothing tells the creep.
 _CREEPS = (0.05, 0.3, 1.0, 1.7)
 #: The same past the peak, where the torque is known but no creep past the peak balances it.
 _PAST = 1.7
+#: The friction within a condition as a sum of three equally likely normal distributions: their means and
+#: standard deviations over that of the whole, which they make 1.1 times as wide.
+FRICTIONS = ((0.0, 0.5), (-1.2, 0.5), (1.2, 0.5))
+_ALL_FRICTION = (0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -35,6 +48,8 @@ class Hypothesis:
         the falling branch balances it.
     right : condition under the right wheel; None: the same.
     patch : semi-axes of the contact patches over those of the wheelset.
+    friction : mean and standard deviation of the friction's logarithm, over its standard deviation within
+        the condition: a part of its distribution, or all of it.
     """
 
     condition: str
@@ -42,6 +57,7 @@ class Hypothesis:
     creep: float = 0.0
     right: str | None = None
     patch: float = 1.0
+    friction: tuple[float, float] = _ALL_FRICTION
 
     def __post_init__(self) -> None:
         if self.branch not in {"driven", "held"}:
@@ -59,6 +75,12 @@ class Hypothesis:
                 f"hypothesis: got a contact patch of {self.patch!r} times that of the wheelset, expected a "
                 f"finite number > 0; 1 is the patch of the wheelset"
             )
+        mean, deviation = self.friction
+        if not (math.isfinite(mean) and math.isfinite(deviation) and deviation >= 0.0):
+            raise ValueError(
+                f"hypothesis: got a friction of mean and deviation {self.friction!r}, expected finite "
+                f"numbers, the second >= 0; (0, 1) is all that a condition may have"
+            )
 
     @property
     def sides(self) -> tuple[str, str]:
@@ -66,11 +88,18 @@ class Hypothesis:
         return self.condition, self.right or self.condition
 
     @property
+    def unlike(self) -> bool:
+        """Whether the rails under left and right wheel differ."""
+        return self.right not in {None, self.condition}
+
+    @property
     def name(self) -> str:
         """Name in results."""
         where = "/".join(dict.fromkeys(self.sides))
         how = f"{where} driven" if self.branch == "driven" else f"{where} held at {self.creep:g}"
-        return how if self.patch == 1.0 else f"{how} patch {self.patch:g}"
+        if self.patch != 1.0:
+            how = f"{how} patch {self.patch:g}"
+        return how if self.friction[0] == 0.0 else f"{how} friction {self.friction[0]:+g} sd"
 
     @property
     def past_peak(self) -> bool:
@@ -87,29 +116,45 @@ def rail_of(condition: RailCondition, patch: float) -> RailCondition:
 
 
 def with_torque(
-    conditions: Iterable[str] = CONDITIONS, patches: Iterable[float] = (1.0,)
+    conditions: Iterable[str] = CONDITIONS,
+    patches: Iterable[float] = (1.0,),
+    frictions: Iterable[tuple[float, float]] = (_ALL_FRICTION,),
 ) -> tuple[Hypothesis, ...]:
     """Return the usual hypotheses where the torque is known: driven, and held past the peak.
 
-    The driven ones for each of the sizes of the contact patch.
+    The driven ones for each of the sizes of the contact patch with each part of the friction.
     """
-    sizes = tuple(patches)
+    kinds = tuple(itertools.product(patches, frictions))
     return tuple(
         hypothesis
         for name in conditions
         for hypothesis in (
-            *(Hypothesis(name, patch=size) for size in sizes),
+            *(Hypothesis(name, patch=size, friction=friction) for size, friction in kinds),
             Hypothesis(name, "held", _PAST),
         )
     )
 
 
-def with_unlike_rails(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...]:
-    """Return a driven hypothesis for each pair of rails under left and right wheel, like or unlike."""
-    names = tuple(conditions)
-    return tuple(
-        Hypothesis(left, right=None if left == right else right) for left in names for right in names
-    )
+def stand_ins(hypotheses: Sequence[Hypothesis]) -> tuple[int, ...]:
+    """Return the place of the hypothesis that stands in for each while its rail has no chance.
+
+    Of hypotheses that differ in patch and friction alone it is the one of the patch nearest to 1 with the
+    friction nearest to that of the condition.
+    """
+
+    def ordinary(i: int) -> tuple[float, float]:
+        return abs(math.log(hypotheses[i].patch)), abs(hypotheses[i].friction[0])
+
+    found: dict[Hypothesis, int] = {}
+    rails = [replace(h, patch=1.0, friction=_ALL_FRICTION) for h in hypotheses]
+    for i in sorted(range(len(hypotheses)), key=ordinary):
+        found.setdefault(rails[i], i)
+    return tuple(found[rail] for rail in rails)
+
+
+def unlike_rails(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...]:
+    """Return a driven hypothesis for each pair of unlike rails under left and right wheel."""
+    return tuple(Hypothesis(left, right=right) for left, right in itertools.permutations(conditions, 2))
 
 
 def without_torque(

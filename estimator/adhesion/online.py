@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimator.adhesion.block import N_TOLD, end_block, take_sample
 from estimator.adhesion.evidence import Judgement, judge
 from estimator.adhesion.motion import N_X
-from estimator.adhesion.renewal import renew
+from estimator.adhesion.renewal import renew, speak_for_the_sleeping
 
 if TYPE_CHECKING:
     from estimator.adhesion.block import Design, Memory
@@ -28,7 +28,7 @@ _RATE_TIME = 0.1
 
 
 class Work(NamedTuple):
-    """Room for a step: (1,), (5, 4, 12), (n, 13), (n + 1,), (n, 2)."""
+    """Room for a step: (1,), (5, 4, 12), (n, 14), (n + 1,), (n, 2)."""
 
     speed: Array
     filter: Array
@@ -70,11 +70,14 @@ def bank_step(  # pragma: no cover - compiled
     v, v_dot = abs(speed), rate_of(work.speed, design.h, memory.speed, k == 0)[0]
     n = design.held.shape[0]
     for i in range(n):
-        take_sample(design, memory, i, k == 0, v, v_dot, torque, z, usable, work.filter)
+        if memory.voice[i] == i:
+            take_sample(design, memory, i, k == 0, v, v_dot, torque, z, usable, work.filter)
     if (k + 1) % design.block != 0:
         return False
     for i in range(n):
-        end_block(design, memory, i, v, torque, work.told[i])
+        if memory.voice[i] == i:
+            end_block(design, memory, i, v, torque, work.told[i])
+    speak_for_the_sleeping(design, memory, work.told.reshape((1, n, N_TOLD)))
     block = (k + 1) // design.block - 1
     judge(rules, belief, block, work.told, v, work.log_l, work.peaks, said, 0)
     if rules.renewal > 0 and (block + 1) % rules.renewal == 0:
@@ -86,7 +89,7 @@ def bank_step(  # pragma: no cover - compiled
 def judge_blocks(  # pragma: no cover - compiled
     rules: Rules, belief: Belief, told: Array, v: Array, work: Work, said: Judgement, since: int, until: int
 ) -> None:
-    """Judge the blocks from `since` to before `until`, told (rows, n, 13), at the speeds v (rows,)."""
+    """Judge the blocks from `since` to before `until`, told (rows, n, 14), at the speeds v (rows,)."""
     for k in range(since, until):
         judge(rules, belief, k, told[k], v[k], work.log_l, work.peaks, said, k)
 

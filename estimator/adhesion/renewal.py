@@ -6,6 +6,15 @@ second a hypothesis that has next to no probability, and has lost more of it, is
 would have if its rail began here: the wheelset is where the most probable filter sees it, and the friction
 is that of the condition. Until the next renewal it runs by itself and is judged by that: mixing states at
 each step, as an IMM does, would correct a wrong filter before it has shown where it drifts to.
+
+Most filters sleep from one renewal to the next. Another one stands in for each of them: what it tells is
+taken as theirs.
+
+- Of a rail that has no chance, one filter is enough to see it come. It stands in for those of other patches
+  and frictions. They wake when their rail has a chance again, and begin where it sees the wheelset.
+- Unlike rails under left and right wheel are tried in turn, for a second each, from where the best filter
+  sees the wheelset. One that has a chance by then, or that gains, stays awake. For the others the best filter
+  stands in: what nobody has looked at becomes neither likelier nor less likely.
 """
 
 from __future__ import annotations
@@ -16,19 +25,21 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import begin_filter, one
+from estimator.adhesion.block import LOOKED, begin_filter, one
 from estimator.adhesion.motion import L_L, L_R, N_X, S, linearise
 
 if TYPE_CHECKING:
     from estimator.adhesion.block import Design, Memory
     from estimator.adhesion.evidence import Belief
 
-__all__ = ["renew"]
+__all__ = ["renew", "speak_for_the_sleeping"]
 
 Array = NDArray[np.float64]
 
 #: Probability over that of the most probable hypothesis from which on a hypothesis has a chance.
 _CHANCE = 1e-3
+#: Unlike rails that are tried at a time.
+_TRIALS = 2
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -54,21 +65,81 @@ def _take_over(  # pragma: no cover - compiled
                 C[j, k] = known.C[j, k]
             elif own_j != own_k:
                 C[j, k] = 0.0
-    C[S, S] = design.prior.s**2
+    C[S, S] = design.friction[i, 1] ** 2
     for j in range(N_X):
         kept.x0[j] = x[j]
     linearise(design.car, design.rails[i], held, v, 0.0, x, C, kept.f, kept.J)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _best_awake(memory: Memory, belief: Belief, n: int) -> int:  # pragma: no cover - compiled
+    """Return the most probable of the hypotheses whose filter is awake."""
+    best = -1
+    for i in range(n):
+        if memory.voice[i] == i and (best < 0 or belief.p[i] > belief.p[best]):
+            best = i
+    return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def renew(  # pragma: no cover - compiled
     design: Design, memory: Memory, belief: Belief, v: float, torque: float
 ) -> None:
-    """Let all filters begin again whose hypotheses have no chance and have lost since the last renewal."""
+    """Let all filters begin again whose hypotheses have no chance and have lost since the last renewal.
+
+    Then choose who sleeps until the next one.
+    """
     n = design.held.shape[0]
-    best = int(belief.p[:n].argmax())
+    best = _best_awake(memory, belief, n)
     for i in range(n):
         hopeless = belief.p[i] < _CHANCE * belief.p[best]
-        if hopeless and belief.gained[i] < belief.gained[best]:
+        if hopeless and belief.gained[i] < belief.gained[best] and memory.voice[i] == i:
             _take_over(design, memory, i, best, v, torque)
+    for i in range(n):
+        chosen = design.stand_in[i]
+        if chosen != i:
+            awake = _has_chance(design, belief, chosen, best)
+            if awake and memory.voice[i] != i:
+                _take_over(design, memory, i, chosen, v, torque)
+            memory.voice[i] = i if awake else chosen
+    _try_unlike_rails(design, memory, belief, best, v, torque)
     belief.gained[:] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _try_unlike_rails(  # pragma: no cover - compiled
+    design: Design, memory: Memory, belief: Belief, best: int, v: float, torque: float
+) -> None:
+    """Send the unlike rails to sleep that have no chance and do not gain; wake the next ones to be tried."""
+    for i in design.unlike:
+        gains = memory.voice[i] == i and belief.gained[i] >= belief.gained[best]
+        if (not gains and belief.p[i] < _CHANCE * belief.p[best]) or memory.voice[i] != i:
+            memory.voice[i] = best
+    for _ in range(min(_TRIALS, design.unlike.shape[0])):
+        i = design.unlike[memory.tried[0] % design.unlike.shape[0]]
+        memory.tried[0] += 1
+        if memory.voice[i] != i:
+            _take_over(design, memory, i, best, v, torque)
+            memory.voice[i] = i
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _has_chance(  # pragma: no cover - compiled
+    design: Design, belief: Belief, chosen: int, best: int
+) -> bool:
+    """Return whether one of the filters for which `chosen` stands in has a chance."""
+    for i in range(design.held.shape[0]):
+        if design.stand_in[i] == chosen and belief.p[i] >= _CHANCE * belief.p[best]:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def speak_for_the_sleeping(  # pragma: no cover - compiled
+    design: Design, memory: Memory, told: Array
+) -> None:
+    """Write what the sleeping filters tell of blocks, told (blocks, n, 14): what those do that stand in."""
+    for i in range(design.held.shape[0]):
+        if memory.voice[i] != i:
+            told[:, i] = told[:, memory.voice[i]]
+            told[:, i, LOOKED] = 1.0 if memory.voice[i] == design.stand_in[i] else 0.0

@@ -21,6 +21,7 @@ from estimator.adhesion.motion import (
     P,
     Q,
     R,
+    S,
     U,
     Vehicle,
     Y,
@@ -39,8 +40,8 @@ class Prior(NamedTuple):
     """Standard deviations at the start.
 
     Of the yaw angle (rad), of the offset from the track (m), of the guiding and of the lateral creepage
-    over `creep_scale`, of the creep over its value, of the axle's twist (rad), of the friction's
-    logarithm once the filter has settled, and of the sensors' offsets.
+    over `creep_scale`, of the creep over its value, of the axle's twist (rad), and of the sensors'
+    offsets.
     """
 
     psi: float = 0.5e-3
@@ -49,7 +50,6 @@ class Prior(NamedTuple):
     lateral: float = 0.1
     creep: float = 0.1
     theta: float = 3e-5
-    s: float = 0.15
     b_g: float = 0.0
     b_a: float = 0.0
 
@@ -63,19 +63,19 @@ _LATERAL = 1e-3
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rolling_torque(
-    car: Vehicle, rails: Array, v: float, creep: float
+    car: Vehicle, rails: Array, v: float, creep: float, s: float
 ) -> float:  # pragma: no cover - compiled
-    """Return the torque on both wheels that run straight at a driving creep."""
-    left = creep_force(rails[0], car.patch, v, creep, 0.0, 0.0)
-    right = creep_force(rails[1], car.patch, v, creep, 0.0, 0.0)
+    """Return the torque on both wheels that run straight at a driving creep with the friction s."""
+    left = creep_force(rails[0], car.patch, v, creep, 0.0, s)
+    right = creep_force(rails[1], car.patch, v, creep, 0.0, s)
     return car.r_L * left[0] + car.r_R * right[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def start_creep(  # pragma: no cover - compiled
-    car: Vehicle, rails: Array, v: float, torque: float, peak: float, held: bool, creep: float
+    car: Vehicle, rails: Array, v: float, torque: float, peak: float, held: bool, creep: float, s: float
 ) -> float:
-    """Return the driving creep with which a filter starts.
+    """Return the driving creep with which a filter starts whose friction has the logarithm s.
 
     Where the curve balances the torque: below the creep of the `peak`, or past it for a held creep > 1; at
     the peak, or at `creep` times it, if it does so nowhere. Without a torque (NaN) at `creep` times it.
@@ -86,12 +86,12 @@ def start_creep(  # pragma: no cover - compiled
     lower, upper = (peak, 1.0) if past else (0.0, peak)
     wanted = abs(torque)
     lowest, highest = (upper, lower) if past else (lower, upper)
-    in_reach = _rolling_torque(car, rails, v, lowest) <= wanted <= _rolling_torque(car, rails, v, highest)
-    if not in_reach:
+    least, most = _rolling_torque(car, rails, v, lowest, s), _rolling_torque(car, rails, v, highest, s)
+    if not least <= wanted <= most:
         return math.copysign(creep * peak if held else peak, torque)
     for _ in range(_HALVINGS):
         middle = 0.5 * (lower + upper)
-        if (_rolling_torque(car, rails, v, middle) < wanted) == past:
+        if (_rolling_torque(car, rails, v, middle, s) < wanted) == past:
             upper = middle
         else:
             lower = middle
@@ -108,9 +108,10 @@ def start_filter(  # pragma: no cover - compiled
     v: float,
     torque: float,
     creep: float,
+    s: float,
     kept: Filter,
 ) -> None:
-    """Write the state and covariance of a filter that has seen nothing, at a driving creep.
+    """Write the state and covariance of a filter that has seen nothing, at a driving creep and a friction.
 
     The fast motions have died out: lateral velocity and yaw rate follow yaw angle and offset but for small
     creepages. Spread freely they would put the first samples where the creep law is saturated.
@@ -130,6 +131,7 @@ def start_filter(  # pragma: no cover - compiled
     C[U, PSI] = C[PSI, U] = v * psi2
     C[R, Y] = C[Y, R] = -turn * car.cone * y2
 
+    x[S] = s
     x[L_L] = x[L_R] = creep
     l2 = (prior.creep * max(abs(creep), 0.1 * scale)) ** 2
     for i in (L_L, L_R):

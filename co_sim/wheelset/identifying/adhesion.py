@@ -62,6 +62,7 @@ def run_adhesion_bank(log: Log, settings: Settings) -> Answer:
             h=fine.h,
             bias=settings.vehicle.bias,
             patches=settings.vehicle.patches,
+            unlike=settings.vehicle.unlike_rails,
         )
         answer = answer_of(bank.run(fine, every=settings.every), log)
     except ValueError as error:  # such as a creep curve of the user's own that has no maximum

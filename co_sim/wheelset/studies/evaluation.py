@@ -98,6 +98,7 @@ def _adhesion(recording: Recording, trial: Trial, window: float | None) -> Answe
         window=window,
         bias=BIAS if usual else (0.0, 0.0),
         patches=PATCHES if usual else (1.0,),
+        unlike=usual,
     )
     return answer_of(bank.run(log, workers=1), log)
 
@@ -129,6 +130,7 @@ def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
         friction=0.0,
         bias=(0.0, 0.0),
         patches=(1.0,),
+        unlike=False,
         conditions=trial.conditions,
     )
     return answer_of(bank.run(log, workers=1), log)

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.adhesion import AdhesionBank, FuzzyIdentifier, Hypothesis, fuzzy_system, new_judgement
-from estimator.adhesion.block import CREEP, FRICTION, N_TOLD
+from estimator.adhesion.block import CREEP, FRICTION, LOOKED, N_TOLD
 from estimator.adhesion.curves import PAST_PEAK, landmarks
 from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE
-from estimator.adhesion.hypotheses import with_torque, without_torque
+from estimator.adhesion.hypotheses import FRICTIONS, stand_ins, unlike_rails, with_torque, without_torque
 from estimator.advice import LEVELS
 from fmu_wheelset.parameters import CONDITIONS
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimator.adhesion import Verdict
+    from estimator.fuzzy import FuzzySystem
     from estimator.log import Log
 
     Array = NDArray[np.float64]
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
 NAMES = list(CONDITIONS)
 SPEED, SAMPLES = 30.0, 20
 BANK = AdhesionBank()
-HYPOTHESES = BANK.hypotheses()
-OWN = np.array([NAMES.index(h.condition) for h in HYPOTHESES])
+HYPOTHESES = (*with_torque(), *unlike_rails(["dry", "low"]))
+OWN = BANK.rules(HYPOTHESES).condition
 N = len(HYPOTHESES)
 # The centroid on the system's grid of 200 midpoints is exact to its width squared.
 GRID = 1e-4
@@ -39,8 +40,13 @@ GRID = 1e-4
 def landmark(hypothesis: Hypothesis) -> tuple[float, float]:
     """Creeps of the knee and of the end of the peak."""
     rules = BANK.rules([hypothesis])
-    at = landmarks(rules.curves, rules.curve[0, 0], SPEED, 0.0)
-    return math.exp(at[2]), PAST_PEAK * math.exp(at[1])
+    at = [landmarks(rules.curves, rules.curve[0, side], SPEED, 0.0) for side in range(2)]
+    return math.exp(min(a[2] for a in at)), PAST_PEAK * math.exp(min(a[1] for a in at))
+
+
+def system_of(hypotheses: tuple[Hypothesis, ...]) -> FuzzySystem:
+    rails = [NAMES[c] for c in BANK.rules(hypotheses).condition]
+    return fuzzy_system([h.name for h in hypotheses], rails, NAMES)
 
 
 def told_of(residuals: Array, spreads: Array, creeps: Array | None = None) -> Array:
@@ -50,6 +56,7 @@ def told_of(residuals: Array, spreads: Array, creeps: Array | None = None) -> Ar
     rows[..., SQUARE] = SAMPLES * np.square(residuals)
     rows[..., LOG_L] = -0.5 * (SAMPLES * np.asarray(spreads) + rows[..., SQUARE])
     rows[..., CREEP] = 1e-4 if creeps is None else creeps
+    rows[..., LOOKED] = 1.0
     return rows
 
 
@@ -142,7 +149,7 @@ def test_degrees_are_those_of_scikit_fuzzy(situation: tuple[Array, Array, Array]
         knee, past = landmark(hypothesis)
         place = np.interp(creeps[i], [0.0, knee, past, 2.0 * past], [0.0, 1.0, 2.0, 3.0])
         x += (min(SAMPLES * math.log(g[i] / g.min()), 10.0), min(residuals[i], 2.0), place)
-    system = fuzzy_system(HYPOTHESES, NAMES)
+    system = system_of(HYPOTHESES)
     crisp = {v.name: value for v, value in zip(system.inputs, x, strict=True)}
     terms = {(v.name, t.name): [t.a, t.b, t.c, t.d] for v in system.inputs for t in v.terms}
     grid = np.linspace(0.0, 1.0, 2001)
@@ -184,6 +191,7 @@ def test_misfit_is_that_of_the_innovations_themselves() -> None:
     told[..., SQUARE] = (parts_e**2 / parts_S).sum(axis=2).T
     told[..., LOG_L] = -0.5 * (np.log(parts_S) + parts_e**2 / parts_S).sum(axis=2).T
     told[..., CREEP] = 1e-4
+    told[..., LOOKED] = 1.0
     degrees = verdict_of(told, hypotheses).condition[-1]
     rival = max(1.0 - misfit / 10.0, 0.0)
     assert degrees.max() == pytest.approx(centroid(1.0, rival), abs=GRID)
@@ -194,7 +202,7 @@ def test_misfit_is_that_of_the_innovations_themselves() -> None:
 
 @pytest.mark.parametrize("hypotheses", [with_torque(), without_torque(), with_torque(["wet", "low"])])
 def test_rules_follow_from_the_hypotheses(hypotheses: tuple[Hypothesis, ...]) -> None:
-    system = fuzzy_system(hypotheses, NAMES)
+    system = system_of(hypotheses)
     assert len(system.rules) == len(hypotheses) * (len(NAMES) + 2 * 3 + 2)
     for rule in system.rules:
         subject = rule.when[0].variable.partition("(")[2].split(" ")[0]
@@ -209,6 +217,32 @@ def test_two_filters_of_one_hypothesis_are_one_voice() -> None:
     told = told_of(np.linspace(1.0, 1.2, N)[None], np.zeros((1, N)))
     twice = np.concatenate([told, told[:, :1]], axis=1)
     assert flat(verdict_of(twice, hypotheses)).tolist() == flat(verdict_of(told)).tolist()
+
+
+@pytest.mark.parametrize("chosen", range(9))
+def test_the_best_of_a_kind_speaks_for_it(chosen: int) -> None:
+    """Filters for other patches and frictions of one rail: all but one so bad that they do not count."""
+    variants = with_torque(["dry"], (0.93, 1.0, 1.07), FRICTIONS)
+    hypotheses = (*variants, *with_torque(["low"]))
+    residuals = np.ones(len(hypotheses))
+    residuals[: len(variants)] = 3.0
+    residuals[chosen] = 1.05
+    told = told_of(residuals[None], np.zeros((1, len(hypotheses))))
+    told[0, :, FRICTION] = [BANK.friction * h.friction[0] for h in hypotheses]
+    kinds = sorted(set(stand_ins(hypotheses)))
+    places = [chosen if i in range(9) else i for i in kinds]
+    alone = told[:, places].copy()
+    alone[..., FRICTION] = 0.0
+    found = verdict_of(told, hypotheses)
+    assert flat(found) == pytest.approx(flat(verdict_of(alone, tuple(hypotheses[i] for i in kinds))))
+
+
+def test_a_filter_that_has_not_looked_says_nothing() -> None:
+    told = told_of(np.ones((1, N)), np.zeros((1, N)))
+    told[0, OWN != 0, LOOKED] = 0.0
+    found = verdict_of(told).condition[0]
+    assert found[0] == pytest.approx(0.9, abs=GRID)
+    assert found[1:] == pytest.approx(0.1, abs=GRID)
 
 
 # Laws ------------------------------------------------------------------------------------------------
@@ -366,8 +400,9 @@ def test_steps_make_the_run(log: Log) -> None:
     found = BANK.run(log).fuzzy
     assert np.mean(found.condition[100:].argmax(axis=1) == NAMES.index("low")) > 0.9
     BANK.reset()
-    identifier = FuzzyIdentifier(BANK, HYPOTHESES)
-    said, verdict = new_judgement(1, N, len(NAMES)), identifier.new_verdict(1)
+    hypotheses = BANK.hypotheses()
+    identifier = FuzzyIdentifier(BANK, hypotheses)
+    said, verdict = new_judgement(1, len(hypotheses), len(NAMES)), identifier.new_verdict(1)
     assert log.traction_torque is not None
     rows = []
     for k, z in enumerate(log.measurements):
@@ -376,6 +411,14 @@ def test_steps_make_the_run(log: Log) -> None:
             rows.append((*flat(verdict), verdict.clear[0], verdict.score[0]))
     whole = np.column_stack([found.region, found.condition, found.known, found.clear, found.score])
     assert np.array_equal(rows, whole, equal_nan=True)
+
+
+def test_refuses_what_other_filters_have_told() -> None:
+    identifier, said = FuzzyIdentifier(BANK, HYPOTHESES), new_judgement(1, N, len(NAMES))
+    with pytest.raises(ValueError, match=rf"got {N + 1} filters, expected {N}"):
+        identifier.run(np.zeros((1, N + 1, N_TOLD)), np.array([SPEED]), said)
+    with pytest.raises(ValueError, match=rf"got {N - 1} filters, expected {N}"):
+        identifier.step(0, np.zeros((N - 1, N_TOLD)), SPEED, said, identifier.new_verdict(1))
 
 
 def test_a_window_must_hold_a_block() -> None:

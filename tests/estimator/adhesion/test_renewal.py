@@ -1,4 +1,4 @@
-"""What the hopeless take over, when friction may move, and that a patch outlasts its rail."""
+"""What the hopeless take over, who sleeps, when friction may move, and that a patch outlasts its rail."""
 
 from __future__ import annotations
 
@@ -11,19 +11,29 @@ from hypothesis import strategies as st
 
 from estimator.adhesion import AdhesionBank, Hypothesis
 from estimator.adhesion.bank import PATCHES
-from estimator.adhesion.block import FRICTION, VAR_FRICTION
+from estimator.adhesion.block import FRICTION, LOOKED, LOST, N_TOLD, VAR_FRICTION
 from estimator.adhesion.creep_law import creep_force, patch_row, rail_row
-from estimator.adhesion.hypotheses import rail_of, with_torque, without_torque
+from estimator.adhesion.hypotheses import (
+    FRICTIONS,
+    rail_of,
+    stand_ins,
+    unlike_rails,
+    with_torque,
+    without_torque,
+)
 from estimator.adhesion.motion import L_L, L_R, N_X, THETA, S
-from estimator.adhesion.renewal import renew
+from estimator.adhesion.online import judge_blocks, new_judgement, new_work
+from estimator.adhesion.renewal import renew, speak_for_the_sleeping
 from fmu_wheelset.parameters import CONDITIONS, ContactPatch
 
 from .conftest import TORQUE, V, bank, compiled
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from estimator.adhesion.block import Memory
+    from estimator.adhesion.block import Design, Memory
     from estimator.adhesion.evidence import Belief
     from estimator.log import Log
 
@@ -84,11 +94,118 @@ def test_friction_does_not_move_before_a_filter_has_settled(drive: object) -> No
     log: Log = drive("dry", 40.0, 4000.0, 600)  # type: ignore[operator]
     with_prior = AdhesionBank(hypotheses=[Hypothesis("dry")])
     told = with_prior.look_at(log, with_prior.hypotheses())[0][:, 0]
-    lost = np.flatnonzero(told[:, -1])
+    lost = np.flatnonzero(told[:, LOST])
     settled = 19 if lost.size == 0 else 20 + int(lost[-1])
     assert np.abs(told[:19, FRICTION]).max() < 0.4 * with_prior.friction
     assert np.sqrt(told[:19, VAR_FRICTION]).max() < 0.7 * with_prior.friction
     assert np.sqrt(told[settled + 1, VAR_FRICTION]) > 0.7 * with_prior.friction
+
+
+# Sleep -----------------------------------------------------------------------------------------------
+
+MANY = (*with_torque(["dry", "low"], PATCHES, FRICTIONS), *unlike_rails(CONDITIONS))
+PLACES = np.arange(len(MANY))
+RAILS = np.array(stand_ins(MANY))
+VARIANTS = PLACES[RAILS != PLACES]
+UNLIKE = np.array([i for i in PLACES if MANY[i].unlike])
+
+
+@given(st.permutations(range(len(MANY))))
+def test_the_usual_patch_and_friction_stand_in_whatever_the_order(order: list[int]) -> None:
+    hypotheses = [MANY[i] for i in order]
+    found = stand_ins(hypotheses)
+    for i, chosen in enumerate(found):
+        one, other = hypotheses[i], hypotheses[chosen]
+        assert (one.sides, one.branch, one.creep) == (other.sides, other.branch, other.creep)
+        assert (other.patch, other.friction[0]) == (1.0, 0.0)
+        assert found[chosen] == chosen
+
+
+def believing(likely: Sequence[int]) -> Belief:
+    """Return a belief in some of the hypotheses alone."""
+    belief = bank().new_belief(bank().rules(MANY))
+    belief.p[:] = 1e-9
+    belief.p[list(likely)] = 1.0 / len(likely)
+    belief.gained[:] = -10.0
+    belief.gained[list(likely)] = 0.0
+    return belief
+
+
+@pytest.fixture
+def many(z: Array) -> tuple[Design, Memory]:
+    design = bank().design(MANY)
+    return design, compiled(design, z[:30])
+
+
+def test_variants_of_a_rail_without_a_chance_sleep(many: tuple[Design, Memory]) -> None:
+    design, memory = many
+    dry = MANY.index(Hypothesis("dry", patch=PATCHES[0], friction=FRICTIONS[1]))
+    renew(design, memory, believing([dry]), V, TORQUE)
+    asleep = memory.voice != PLACES
+    for i in VARIANTS:
+        assert asleep[i] == (MANY[i].condition == "low")
+        assert memory.voice[i] == (RAILS[i] if asleep[i] else i)
+    told = np.random.default_rng(1).standard_normal((3, len(MANY), N_TOLD))
+    before = told.copy()
+    speak_for_the_sleeping(design, memory, told)
+    assert np.array_equal(told[:, ~asleep], before[:, ~asleep])
+    assert np.array_equal(told[:, asleep, :LOOKED], before[:, memory.voice[asleep], :LOOKED])
+    assert np.array_equal(told[:, asleep, LOOKED] == 1.0, np.tile(~np.isin(PLACES[asleep], UNLIKE), (3, 1)))
+
+
+def test_who_wakes_begins_where_the_one_that_was_awake_sees_the_wheelset(many: tuple[Design, Memory]) -> None:
+    design, memory = many
+    dry, low = (
+        MANY.index(Hypothesis("dry", friction=FRICTIONS[0])),
+        MANY.index(Hypothesis("low", friction=FRICTIONS[0])),
+    )
+    renew(design, memory, believing([dry]), V, TORQUE)
+    renew(design, memory, believing([dry, low]), V, TORQUE)
+    for i in VARIANTS:
+        assert memory.voice[i] == i
+        if MANY[i].condition == "low":
+            others = [j for j in range(N_X) if j != S]
+            assert np.array_equal(memory.filters.x[i, others], memory.filters.x[low, others])
+            assert memory.filters.x[i, S] == pytest.approx(bank().friction * MANY[i].friction[0])
+            assert memory.filters.C[i, S, S] == pytest.approx((bank().friction * MANY[i].friction[1]) ** 2)
+
+
+def test_unlike_rails_are_tried_in_turn(many: tuple[Design, Memory]) -> None:
+    design, memory = many
+    dry = MANY.index(Hypothesis("dry", friction=FRICTIONS[0]))
+    tried: list[int] = []
+    for _ in range(6):
+        renew(design, memory, believing([dry]), V, TORQUE)
+        awake = [int(i) for i in UNLIKE if memory.voice[i] == i]
+        assert len(awake) == 2
+        for i in awake:
+            assert np.array_equal(memory.filters.x[i, :S], memory.filters.x[dry, :S])
+        tried += awake
+        assert set(memory.voice[np.setdiff1d(UNLIKE, awake)]) == {dry}
+    assert sorted(tried) == sorted(UNLIKE.tolist())
+    # One that has a chance stays awake and goes its own way.
+    chosen = tried[-1]
+    kept = memory.filters.x[chosen].copy()
+    for _ in range(3):
+        renew(design, memory, believing([dry, chosen]), V, TORQUE)
+        assert memory.voice[chosen] == chosen
+        assert np.array_equal(memory.filters.x[chosen], kept)
+
+
+def test_what_nobody_looks_at_becomes_neither_likelier_nor_less_likely(many: tuple[Design, Memory]) -> None:
+    """But for the rail that may change at any time, which is left out here."""
+    design, memory = many
+    dry = MANY.index(Hypothesis("dry", friction=FRICTIONS[0]))
+    renew(design, memory, believing([dry]), V, TORQUE)
+    rules = bank().rules(MANY)._replace(change=0.0)
+    belief, said = bank().new_belief(rules), new_judgement(4, len(MANY), len(CONDITIONS))
+    told = np.abs(np.random.default_rng(2).standard_normal((4, len(MANY), N_TOLD)))
+    speak_for_the_sleeping(design, memory, told)
+    judge_blocks(rules, belief, told, np.full(4, V), new_work(len(MANY)), said, 0, 4)
+    for i in UNLIKE[memory.voice[UNLIKE] == dry]:
+        assert belief.p[i] / belief.p[dry] == pytest.approx(rules.prior[i] / rules.prior[dry])
+        # Nor is anything learned of whether it could be told from another.
+        assert not belief.information[i].any()
 
 
 @given(

@@ -62,10 +62,10 @@ def small(design: Design, amplitude: float) -> Design:
             name: quiet * getattr(n, name)
             for name in ("R_yaw", "R_acc", "R_torque", "W_u", "W_r", "W_torque")
         },
-        W_s=0.0,
     )
     track = design.track._replace(level=quiet * design.track.level)
-    return design._replace(noise=noise, track=track, W_creep=0.0 * design.W_creep)
+    known = 0.0 * design.friction
+    return design._replace(noise=noise, track=track, friction=known, W_creep=0.0 * design.W_creep)
 
 
 def extended(

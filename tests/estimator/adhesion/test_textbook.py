@@ -126,9 +126,12 @@ def predict(design: Design, x: Array, C: Array, f: Array, J: Array) -> tuple[Arr
     moved[:4] += H * phi_1 @ (f + push + change) + H * (2.0 * phi_2 - phi_1) @ change
     moved, C = S @ moved + drift, S @ M @ C @ M.T @ S.T
     C += track_noise(TRACK, V, H)
-    keep = np.eye(12)
+    keep, (mean, deviation) = np.eye(12), design.friction[0]
     keep[9, 9] = 1.0 - H * n.s_decay
-    return keep @ moved, keep @ C @ keep.T + H * np.diag([*np.zeros(9), n.W_s, n.W_bg, n.W_ba])
+    moved = keep @ moved
+    moved[9] += H * n.s_decay * mean
+    W_s = 2.0 * n.s_decay * deviation**2
+    return moved, keep @ C @ keep.T + H * np.diag([*np.zeros(9), W_s, n.W_bg, n.W_ba])
 
 
 def correct(x: Array, C: Array, H: Array, e: Array, R: Array) -> tuple[Array, Array, float]:
@@ -155,8 +158,9 @@ def test_linearised_rates_are_those_of_newton_and_euler() -> None:
         assert np.allclose(J[:4], P, rtol=1e-5, atol=1e-7 * np.abs(P).max(axis=1, keepdims=True))
 
 
-def test_is_the_textbook_filter(z: Array) -> None:
-    design = bank().design([Hypothesis("low")])
+@pytest.mark.parametrize("friction", [(0.0, 1.0), (-1.2, 0.5)])
+def test_is_the_textbook_filter(z: Array, friction: tuple[float, float]) -> None:
+    design = bank().design([Hypothesis("low", friction=friction)])
     memory = compiled(design, z)
     start = compiled(design, z[:1], np.zeros((1, 2), dtype=np.bool_)).filters
     x, C, log_l = start.x[0].copy(), start.C[0].copy(), 0.0

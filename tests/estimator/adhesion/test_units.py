@@ -36,7 +36,7 @@ VEHICLE = {
 }  # fmt: skip
 NOISE = {
     "R_yaw": (0, 0, -2), "R_acc": (0, 2, -4), "R_torque": (2, 4, -4), "W_u": (0, 2, -3), "W_r": (0, 0, -3),
-    "W_torque": (2, 4, -3), "s_decay": (0, 0, -1), "W_s": (0, 0, -1), "W_bg": (0, 0, -3), "W_ba": (0, 2, -5),
+    "W_torque": (2, 4, -3), "s_decay": (0, 0, -1), "W_bg": (0, 0, -3), "W_ba": (0, 2, -5),
 }  # fmt: skip
 TRACK = {"Wc": (0, -1, 0), "Wr": (0, -1, 0), "level": (0, -1, 0)}
 PRIOR = {"y": (0, 1, 0), "b_g": (0, 0, -1), "b_a": (0, 1, -2)}
@@ -80,7 +80,7 @@ def in_units(design: Design, units: Units) -> Design:
 def told(design: Design, z: Array, units: Units = (1.0, 1.0, 1.0)) -> Array:
     """Return what all filters tell of the blocks of z (T, 2), which is in SI units."""
     n, T = len(design.held), len(z)
-    rows, memory, work = np.empty((T // design.block, n, 13)), new_memory(n), np.zeros((5, 4, 12))
+    rows, memory, work = np.empty((T // design.block, n, 14)), new_memory(n), np.zeros((5, 4, 12))
     v = scaled(np.linspace(V, 1.02 * V, T), SPEED, units)
     v_dot = np.full(T, scaled(0.1, (0, 1, -2), units))
     torque = np.full(T, scaled(TORQUE, MOMENT, units))
@@ -146,6 +146,6 @@ def test_nothing_with_a_unit_is_left_out() -> None:
     assert set(design.noise._fields) == set(NOISE)
     assert set(design.track._fields) == set(TRACK)
     assert set(design.car._fields) == {*VEHICLE, "patch"}
-    dimensionless = {"psi", "guidance", "lateral", "creep", "theta", "s"}
+    dimensionless = {"psi", "guidance", "lateral", "creep", "theta"}
     assert set(design.prior._fields) == {*PRIOR, *dimensionless}
     assert WHEELSET.k_y > 0.0
