@@ -20,6 +20,7 @@ from estimator.adhesion.fuzzy import FuzzyIdentifier
 from estimator.adhesion.hypotheses import (
     FRICTIONS,
     Hypothesis,
+    kinds,
     rail_of,
     stand_ins,
     unlike_rails,
@@ -323,9 +324,9 @@ class AdhesionBank:
         """Return how the evidence is weighed."""
         names = list(self.conditions)
         block = self.block * self.h
-        rails = stand_ins(hypotheses)
-        alike = Counter(rails)
-        weights = np.array([_weight(h) / alike[rail] for h, rail in zip(hypotheses, rails, strict=True)])
+        kind = kinds(hypotheses)
+        alike = Counter(kind)
+        weights = np.array([_weight(h) / alike[k] for h, k in zip(hypotheses, kind, strict=True)])
         none = 0.01
         prior = np.append((1.0 - none) * weights / weights.sum(), none)
         return Rules(

@@ -22,6 +22,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+#: Of the interval in which a quantile is sought: to 1e-5 of the peak adhesion.
+_HALVINGS = 17
+
+
 class Rules(NamedTuple):
     """How evidence is weighed; n hypotheses, c conditions, "none of these" comes last.
 
@@ -140,35 +144,37 @@ def _update(rules: Rules, belief: Belief, k: int, log_l: Array) -> None:  # prag
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _divergence(told: Array, logs: Array, i: int, j: int) -> float:  # pragma: no cover - compiled
-    """Return the divergence of the last sample's prediction by filter j from that by i, nats a sample.
+def _divergences(told: Array, i: int, j: int) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Return the divergences of the last sample's predictions by two filters, nats a sample.
 
-    logs (n, 2) are the logarithms of the variances.
+    Of that by j from that by i, and of that by i from that by j.
     """
-    total = 0.0
-    for sensor, e, s in ((0, E_YAW, S_YAW), (1, E_ACC, S_ACC)):
-        if told[i, s] > 0.0 and told[j, s] > 0.0:
+    one, other = 0.0, 0.0
+    for e, s in ((E_YAW, S_YAW), (E_ACC, S_ACC)):
+        S_i, S_j = told[i, s], told[j, s]
+        if S_i > 0.0 and S_j > 0.0:
             apart = told[i, e] - told[j, e]
-            spread = (told[i, s] + apart * apart) / told[j, s]
-            total += 0.5 * (spread - 1.0 - logs[i, sensor] + logs[j, sensor])
-    return total
+            square, log_ratio, scale = apart * apart, math.log(S_j / S_i), 1.0 / (S_i * S_j)
+            one += 0.5 * ((S_i + square) * S_i * scale - 1.0 + log_ratio)
+            other += 0.5 * ((S_j + square) * S_j * scale - 1.0 - log_ratio)
+    return one, other
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _learn(rules: Rules, belief: Belief, told: Array, logs: Array) -> None:  # pragma: no cover - compiled
+def _learn(rules: Rules, belief: Belief, told: Array) -> None:  # pragma: no cover - compiled
     """Take the divergences between filters of unlike conditions into their running sums.
 
-    Where nobody has looked nothing is learned. logs (n, 2) is work space.
+    Where nobody has looked nothing is learned.
     """
     n = told.shape[0]
     for i in range(n):
-        logs[i, 0] = math.log(told[i, S_YAW]) if told[i, S_YAW] > 0.0 else 0.0
-        logs[i, 1] = math.log(told[i, S_ACC]) if told[i, S_ACC] > 0.0 else 0.0
-    for i in range(n):
-        for j in range(n):
+        for j in range(i):
             if rules.condition[i] != rules.condition[j] and told[i, LOOKED] * told[j, LOOKED] > 0.0:
-                gained = min(told[i, COUNT] * 0.5 * _divergence(told, logs, i, j), rules.clip)
-                belief.information[i, j] += gained - rules.memory * belief.information[i, j]
+                one, other = _divergences(told, i, j)
+                gained = 0.5 * told[i, COUNT] * one, 0.5 * told[j, COUNT] * other
+                for row, column, new in ((i, j, gained[0]), (j, i, gained[1])):
+                    kept = belief.information[row, column]
+                    belief.information[row, column] = kept + min(new, rules.clip) - rules.memory * kept
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -211,7 +217,7 @@ def _quantile(p: Array, peaks: Array, level: float) -> float:  # pragma: no cove
         lower = min(lower, peaks[i, 0] - 6.0 * peaks[i, 1])
         upper = max(upper, peaks[i, 0] + 6.0 * peaks[i, 1])
         known += p[i]
-    for _ in range(24):
+    for _ in range(_HALVINGS):
         middle, below = 0.5 * (lower + upper), 0.0
         for i in range(n):
             if p[i] > 1e-6 * known:
@@ -265,7 +271,7 @@ def judge(  # pragma: no cover - compiled
     for i in range(n):
         belief.gained[i] += log_l[i]
     _update(rules, belief, k, log_l)
-    _learn(rules, belief, told, peaks)
+    _learn(rules, belief, told)
     p = said.p_hypothesis[row]
     # Where "none of these" is all but certain, what is left still says which of them it would be.
     left, known = max(1.0 - belief.p[n], 1e-15), belief.p[:n].sum()

@@ -18,7 +18,7 @@ from estimator.adhesion.block import CREEP, FRICTION, LOOKED
 from estimator.adhesion.curves import PAST_PEAK, landmarks
 from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE
 from estimator.adhesion.fuzzy_rules import fuzzy_system
-from estimator.adhesion.hypotheses import stand_ins
+from estimator.adhesion.hypotheses import kinds
 from estimator.advice import Advice, Advisers, advice_score, new_advisers
 from estimator.fuzzy import infer
 from estimator.residuals import window_step
@@ -262,7 +262,7 @@ class FuzzyIdentifier:
         self._blocks = round(window / block)
         self._n, self._conditions = len(hypotheses), len(bank.conditions)
         rules = bank.rules(hypotheses)
-        chosen, kind = np.unique(stand_ins(hypotheses), return_inverse=True)
+        chosen, kind = np.unique(kinds(hypotheses), return_inverse=True)
         names = list(bank.conditions)
         rails = [names[rules.condition[i]] for i in chosen]
         self._system = fuzzy_system([hypotheses[i].name for i in chosen], rails, names).compile()

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FRICTIONS",
     "Hypothesis",
+    "kinds",
     "rail_of",
     "stand_ins",
     "unlike_rails",
@@ -135,21 +136,35 @@ def with_torque(
     )
 
 
+def kinds(hypotheses: Sequence[Hypothesis]) -> tuple[int, ...]:
+    """Return for each hypothesis the place of the first that differs from it in patch and friction alone.
+
+    First is that of the patch nearest to 1 with the friction nearest to that of the condition.
+    """
+    return _first_alike(hypotheses, [replace(h, patch=1.0, friction=_ALL_FRICTION) for h in hypotheses])
+
+
 def stand_ins(hypotheses: Sequence[Hypothesis]) -> tuple[int, ...]:
     """Return the place of the hypothesis that stands in for each while its rail has no chance.
 
-    Of hypotheses that differ in patch and friction alone it is the one of the patch nearest to 1 with the
-    friction nearest to that of the condition.
+    It is the first of its kind; past the peak the driven one of the same rail, if there is one.
     """
+    rails = [replace(h, patch=1.0, friction=_ALL_FRICTION) for h in hypotheses]
+    driven = [replace(h, branch="driven", creep=0.0) if h.past_peak else h for h in rails]
+    return _first_alike(hypotheses, driven)
 
-    def ordinary(i: int) -> tuple[float, float]:
-        return abs(math.log(hypotheses[i].patch)), abs(hypotheses[i].friction[0])
+
+def _first_alike(hypotheses: Sequence[Hypothesis], alike: Sequence[Hypothesis]) -> tuple[int, ...]:
+    """Return the place of the most usual of the hypotheses that are alike."""
+
+    def usual(i: int) -> tuple[bool, float, float]:
+        h = hypotheses[i]
+        return h.past_peak, abs(math.log(h.patch)), abs(h.friction[0])
 
     found: dict[Hypothesis, int] = {}
-    rails = [replace(h, patch=1.0, friction=_ALL_FRICTION) for h in hypotheses]
-    for i in sorted(range(len(hypotheses)), key=ordinary):
-        found.setdefault(rails[i], i)
-    return tuple(found[rail] for rail in rails)
+    for i in sorted(range(len(hypotheses)), key=usual):
+        found.setdefault(alike[i], i)
+    return tuple(found[h] for h in alike)
 
 
 def unlike_rails(conditions: Iterable[str] = CONDITIONS) -> tuple[Hypothesis, ...]:
