@@ -302,11 +302,7 @@ class AdhesionBank:
             ),
             curve=self._places(hypotheses),
             stand_in=np.array(stand_ins(hypotheses), dtype=np.int64),
-            # By name, so that the order of the conditions does not decide which are tried first.
-            unlike=np.array(
-                sorted((i for i, h in enumerate(hypotheses) if h.unlike), key=lambda i: hypotheses[i].name),
-                dtype=np.int64,
-            ),
+            in_turn=_in_turn(hypotheses),
             h=self.h,
             block=self.block,
             quiet=np.array([0.05, 1.25]),
@@ -390,6 +386,16 @@ class AdhesionBank:
             conditions=tuple(self.conditions),
             hypotheses=tuple(h.name for h in hypotheses),
         )
+
+
+def _in_turn(hypotheses: Sequence[Hypothesis]) -> NDArray[np.int64]:
+    """Return the hypotheses that may sleep, unlike rails and all for which another one stands in.
+
+    By name, so that the order of the conditions does not decide which are tried first.
+    """
+    chosen = stand_ins(hypotheses)
+    may_sleep = [i for i, h in enumerate(hypotheses) if h.unlike or chosen[i] != i]
+    return np.array(sorted(may_sleep, key=lambda i: hypotheses[i].name), dtype=np.int64)
 
 
 def _weight(hypothesis: Hypothesis) -> float:

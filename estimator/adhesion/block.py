@@ -54,9 +54,8 @@ class Design(NamedTuple):
 
     `rails` (n, 2, 5), `friction` (n, 2) mean and standard deviation of its logarithm, `held` (n,),
     `creep` (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2) the places of both rails in
-    `curves`, `stand_in` (n,) the filter that stands in for each while its rail has no chance, `unlike`
-    the filters of unlike rails in the order in which they are tried; `h` step (s) and `block` its
-    samples; `quiet` (2,) the share of a block in the running mean of the normalised squares and its bound
+    `curves`, `stand_in` (n,) the filter that stands in for each while it sleeps, `in_turn` the filters
+    that may sleep in the order in which they are tried; `h` step (s) and `block` its samples; `quiet` (2,) the share of a block in the running mean of the normalised squares and its bound
     beyond which a filter is lost; `far` the offset from the track beyond which it is, m.
     """
 
@@ -72,7 +71,7 @@ class Design(NamedTuple):
     W_creep: Array
     curve: Indices
     stand_in: Indices
-    unlike: Indices
+    in_turn: Indices
     h: float
     block: int
     quiet: Array
@@ -84,8 +83,8 @@ class Memory(NamedTuple):
 
     `Filter` in stacks; what they have told of the block so far (n, 8); the running mean of the normalised
     squares of their innovations (n,); for how many blocks there was nothing to measure, and in how many the
-    friction may move (n,); which filter speaks for each (n,), itself while it is awake, and how many unlike
-    rails have been tried (1,), see `renewal.py`; the speed smoothed (1,).
+    friction may move (n,); which filter speaks for each (n,), itself while it is awake, and how far the
+    turn of those that are tried has come (1,), see `renewal.py`; the speed smoothed (1,).
     """
 
     filters: Filter
@@ -94,7 +93,7 @@ class Memory(NamedTuple):
     silence: Indices
     settling: Indices
     voice: Indices
-    tried: Indices
+    turn: Indices
     speed: Array
 
 
@@ -103,8 +102,8 @@ def new_memory(n: int) -> Memory:
     shapes = ((N_X,), (N_X, N_X), (N_X,), (5,), (5, N_X), (7,), (1,))
     filters = Filter(*(np.zeros((n, *shape)) for shape in shapes))
     silence, settling = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
-    voice, tried = np.arange(n), np.zeros(1, dtype=np.int64)
-    return Memory(filters, np.zeros((n, 8)), np.ones(n), silence, settling, voice, tried, np.zeros(1))
+    voice, turn = np.arange(n), np.zeros(1, dtype=np.int64)
+    return Memory(filters, np.zeros((n, 8)), np.ones(n), silence, settling, voice, turn, np.zeros(1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -10,11 +10,13 @@ each step, as an IMM does, would correct a wrong filter before it has shown wher
 Most filters sleep from one renewal to the next. Another one stands in for each of them: what it tells is
 taken as theirs.
 
-- Of a rail that has no chance, one filter is enough to see it come. It stands in for those of other patches
-  and frictions. They wake when their rail has a chance again, and begin where it sees the wheelset.
-- Unlike rails under left and right wheel are tried in turn, for a second each, from where the best filter
-  sees the wheelset. One that has a chance by then, or that gains, stays awake. For the others the best filter
-  stands in: what nobody has looked at becomes neither likelier nor less likely.
+- Of each rail one filter is always awake: enough to see the rail come. Those of its other patches and frictions
+  wake when they have a chance, and it stands in for them while they have none.
+- Unlike rails under left and right wheel have no such filter. The best one stands in for them: what nobody has
+  looked at becomes neither likelier nor less likely.
+- Some of those that sleep are tried in turn, for a second each, from where the best filter sees the wheelset:
+  unlike rails, and other patches and frictions of the rail that it may be. One that has a chance by then,
+  or that gains, stays awake.
 """
 
 from __future__ import annotations
@@ -38,8 +40,8 @@ Array = NDArray[np.float64]
 
 #: Probability over that of the most probable hypothesis from which on a hypothesis has a chance.
 _CHANCE = 1e-3
-#: Unlike rails that are tried at a time.
-_TRIALS = 2
+#: Filters that are tried at a time.
+_TRIALS = 3
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -95,43 +97,46 @@ def renew(  # pragma: no cover - compiled
         hopeless = belief.p[i] < _CHANCE * belief.p[best]
         if hopeless and belief.gained[i] < belief.gained[best] and memory.voice[i] == i:
             _take_over(design, memory, i, best, v, torque)
-    for i in range(n):
-        chosen = design.stand_in[i]
-        if chosen != i:
-            awake = _has_chance(design, belief, chosen, best)
-            if awake and memory.voice[i] != i:
-                _take_over(design, memory, i, chosen, v, torque)
-            memory.voice[i] = i if awake else chosen
-    _try_unlike_rails(design, memory, belief, best, v, torque)
+    for i in design.in_turn:
+        _wake_or_sleep(design, memory, belief, i, best, v, torque)
+    _try_in_turn(design, memory, belief, best, v, torque)
     belief.gained[:] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _try_unlike_rails(  # pragma: no cover - compiled
-    design: Design, memory: Memory, belief: Belief, best: int, v: float, torque: float
+def _wake_or_sleep(  # pragma: no cover - compiled
+    design: Design, memory: Memory, belief: Belief, i: int, best: int, v: float, torque: float
 ) -> None:
-    """Send the unlike rails to sleep that have no chance and do not gain; wake the next ones to be tried."""
-    for i in design.unlike:
-        gains = memory.voice[i] == i and belief.gained[i] >= belief.gained[best]
-        if (not gains and belief.p[i] < _CHANCE * belief.p[best]) or memory.voice[i] != i:
-            memory.voice[i] = best
-    for _ in range(min(_TRIALS, design.unlike.shape[0])):
-        i = design.unlike[memory.tried[0] % design.unlike.shape[0]]
-        memory.tried[0] += 1
-        if memory.voice[i] != i:
-            _take_over(design, memory, i, best, v, torque)
-            memory.voice[i] = i
+    """Choose whether filter `i` is awake until the next renewal, by its chance."""
+    has_chance = belief.p[i] >= _CHANCE * belief.p[best]
+    chosen = design.stand_in[i]
+    if memory.voice[i] == i:
+        if not has_chance and belief.gained[i] < belief.gained[best]:
+            memory.voice[i] = best if chosen == i else chosen
+    elif chosen == i:
+        memory.voice[i] = best
+    elif has_chance:
+        _take_over(design, memory, i, best if design.stand_in[best] == chosen else chosen, v, torque)
+        memory.voice[i] = i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _has_chance(  # pragma: no cover - compiled
-    design: Design, belief: Belief, chosen: int, best: int
-) -> bool:
-    """Return whether one of the filters for which `chosen` stands in has a chance."""
-    for i in range(design.held.shape[0]):
-        if design.stand_in[i] == chosen and belief.p[i] >= _CHANCE * belief.p[best]:
-            return True
-    return False
+def _try_in_turn(  # pragma: no cover - compiled
+    design: Design, memory: Memory, belief: Belief, best: int, v: float, torque: float
+) -> None:
+    """Wake the next of those that sleep, and that nobody has looked at or whose rail has a chance."""
+    n, woken = design.in_turn.shape[0], 0
+    for _ in range(n):
+        i = design.in_turn[memory.turn[0] % n]
+        memory.turn[0] += 1
+        chosen = design.stand_in[i]
+        worth = chosen == i or belief.p[chosen] >= _CHANCE * belief.p[best] or chosen == design.stand_in[best]
+        if memory.voice[i] != i and worth:
+            _take_over(design, memory, i, best, v, torque)
+            memory.voice[i] = i
+            woken += 1
+            if woken == _TRIALS:
+                break
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
