@@ -334,6 +334,7 @@ class AdhesionBank:
             none=2.0,
             window=0 if self.window is None else max(round(self.window / block), 1),
             condition=np.array([names.index(self._weaker(h)) for h in hypotheses], dtype=np.int64),
+            stand_in=np.array(stand_ins(hypotheses), dtype=np.int64),
             curve=self._places(hypotheses),
             load=self.wheelset.N * 2.0 * self.wheelset.r0,
             spread=0.006,

@@ -36,10 +36,12 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 #: What a block tells: sums of log-likelihood, squares and number; the last innovations, their variances and
-#: the torque; then creep, its variance, friction's logarithm, its variance, whether it was lost, and whether
-#: a filter of these rails has looked at the block.
+#: the torque; then creep, its variance, friction's logarithm, its variance, whether it was lost, and who has
+#: looked at the block.
 CREEP, VAR_CREEP, FRICTION, VAR_FRICTION, LOST, LOOKED = range(8, 14)
 N_TOLD = 14
+#: Nobody, another filter of the same rail, the filter itself.
+NOBODY, STAND_IN, ITSELF = 0.0, 1.0, 2.0
 #: Blocks from the start of a filter until its friction may move. What a wheelset does in its first tenths
 #: of a second, before it runs as it would by itself, looks like little friction, and is believed at once.
 _SETTLING = 20
@@ -52,11 +54,12 @@ _GREATEST_CREEP = 1.0
 class Design(NamedTuple):
     """What the filters of a bank read; n filters.
 
-    `rails` (n, 2, 5), `friction` (n, 2) mean and standard deviation of its logarithm, `held` (n,),
-    `creep` (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2) the places of both rails in
-    `curves`, `stand_in` (n,) the filter that stands in for each while it sleeps, `in_turn` the filters
-    that may sleep in the order in which they are tried; `h` step (s) and `block` its samples; `quiet` (2,) the share of a block in the running mean of the normalised squares and its bound
-    beyond which a filter is lost; `far` the offset from the track beyond which it is, m.
+    `rails` (n, 2, 5), `friction` (n, 2) mean and standard deviation of its logarithm, `held` (n,), `creep`
+    (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2) the places of both rails in `curves`,
+    `stand_in` (n,) the filter that stands in for each while it sleeps, `in_turn` the filters that may
+    sleep in the order in which they are tried; `h` step (s) and `block` its samples; `quiet` (2,) the
+    share of a block in the running mean of the normalised squares and its bound beyond which a filter is
+    lost; `far` the offset from the track beyond which it is, m.
     """
 
     car: Vehicle
@@ -183,7 +186,7 @@ def end_block(  # pragma: no cover - compiled
     sound = sound and abs(x[Y]) < design.far
     for j in range(N_X):
         sound = sound and math.isfinite(x[j]) and C[j, j] >= 0.0
-    row[LOST], row[LOOKED] = 0.0, 1.0
+    row[LOST], row[LOOKED] = 0.0, ITSELF
     if memory.settling[i] > 0:
         memory.settling[i] -= 1
         if memory.settling[i] == 0:

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import CREEP, FRICTION, LOOKED, VAR_CREEP, VAR_FRICTION
+from estimator.adhesion.block import CREEP, FRICTION, ITSELF, LOOKED, STAND_IN, VAR_CREEP, VAR_FRICTION
 from estimator.adhesion.curves import PAST_PEAK, landmarks
 from estimator.adhesion.ekf import COUNT, E_ACC, E_YAW, LOG_L, ON_WHEELS, S_ACC, S_YAW, SQUARE
 
@@ -29,15 +29,15 @@ _HALVINGS = 17
 class Rules(NamedTuple):
     """How evidence is weighed; n hypotheses, c conditions, "none of these" comes last.
 
-    `prior` (n + 1,). `change` probability that a block begins with another hypothesis,
-    `turn` (n + 1, n + 1) how likely each (column) is then after each (row). `clip` greatest log-likelihood
-    ratio that one block may add. `none` variance of the innovations over what the filters
-    expect, if none of them is right. `window` blocks of the moving window, 0 for recursive evidence.
-    `condition` (n,) condition of each hypothesis. `curve` (n, 2). `load` normal load times radius on both
-    wheels, N m. `spread` standard deviation of the peak's logarithm that the model leaves. `doubt` greatest
-    bound on the error of the condition and `width` greatest logarithm of upper over lower bound of the peak
-    adhesion for which the result is trusted. `memory` share of a block in the running sum of the
-    information. `renewal` blocks from one renewal to the next, 0: none.
+    `prior` (n + 1,). `change` probability that a block begins with another hypothesis, `turn` (n + 1, n + 1)
+    how likely each (column) is then after each (row). `clip` greatest log-likelihood ratio that one block
+    may add. `none` variance of the innovations over what the filters expect, if none of them is right.
+    `window` blocks of the moving window, 0 for recursive evidence. `condition` and `stand_in` (n,)
+    condition of each hypothesis, and who stands in for it. `curve` (n, 2). `load` normal load times
+    radius on both wheels, N m. `spread` standard deviation of the peak's logarithm that the model leaves.
+    `doubt` greatest bound on the error of the condition and `width` greatest logarithm of upper over
+    lower bound of the peak adhesion for which the result is trusted. `memory` share of a block in the
+    running sum of the information. `renewal` blocks from one renewal to the next, 0: none.
     """
 
     curves: Curves
@@ -48,6 +48,7 @@ class Rules(NamedTuple):
     none: float
     window: int
     condition: Indices
+    stand_in: Indices
     curve: Indices
     load: float
     spread: float
@@ -84,6 +85,9 @@ class Judgement(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _normal(x: float) -> float:  # pragma: no cover - compiled
+    """Return the probability that a standard normal deviate is less than x, to 1e-9."""
+    if abs(x) > 6.0:
+        return 1.0 if x > 0.0 else 0.0
     return 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
@@ -164,12 +168,13 @@ def _divergences(told: Array, i: int, j: int) -> tuple[float, float]:  # pragma:
 def _learn(rules: Rules, belief: Belief, told: Array) -> None:  # pragma: no cover - compiled
     """Take the divergences between filters of unlike conditions into their running sums.
 
-    Where nobody has looked nothing is learned.
+    What another filter has looked at is known from that one.
     """
     n = told.shape[0]
     for i in range(n):
         for j in range(i):
-            if rules.condition[i] != rules.condition[j] and told[i, LOOKED] * told[j, LOOKED] > 0.0:
+            looked = told[i, LOOKED] == ITSELF and told[j, LOOKED] == ITSELF
+            if looked and rules.condition[i] != rules.condition[j]:
                 one, other = _divergences(told, i, j)
                 gained = 0.5 * told[i, COUNT] * one, 0.5 * told[j, COUNT] * other
                 for row, column, new in ((i, j, gained[0]), (j, i, gained[1])):
@@ -178,19 +183,21 @@ def _learn(rules: Rules, belief: Belief, told: Array) -> None:  # pragma: no cov
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _doubt(rules: Rules, belief: Belief, best: int) -> float:  # pragma: no cover - compiled
+def _doubt(rules: Rules, belief: Belief, told: Array, best: int) -> float:  # pragma: no cover - compiled
     """Return the sum of the Chernoff bounds on taking another condition for that of the best filter.
 
     Between two equal spreads Chernoff's information is a quarter of the divergence. Before the data a
     hypothesis is less likely than the condition of the best filter, and counts by the root of that.
     """
     total, likely = 0.0, 0.0
-    for j in range(rules.condition.shape[0]):
-        if rules.condition[j] == rules.condition[best]:
-            likely += rules.prior[j]
+    i = rules.stand_in[best] if told[best, LOOKED] == STAND_IN else best
+    for k in range(rules.condition.shape[0]):
+        if rules.condition[k] == rules.condition[best]:
+            likely += rules.prior[k]
         else:
-            information = min(belief.information[best, j], belief.information[j, best])
-            total += 0.5 * math.sqrt(rules.prior[j]) * math.exp(-0.25 * information)
+            j = rules.stand_in[k] if told[k, LOOKED] == STAND_IN else k
+            information = min(belief.information[i, j], belief.information[j, i])
+            total += 0.5 * math.sqrt(rules.prior[k]) * math.exp(-0.25 * information)
     return total / math.sqrt(likely)
 
 
@@ -295,5 +302,5 @@ def judge(  # pragma: no cover - compiled
     mu[0] = used
     for j, level in ((1, 0.5), (2, 0.05), (3, 0.95)):
         mu[j] = max(_quantile(p, peaks, level), abs(used))
-    certain = _doubt(rules, belief, best) <= rules.doubt and math.log(mu[3] / mu[2]) <= rules.width
+    certain = _doubt(rules, belief, told, best) <= rules.doubt and math.log(mu[3] / mu[2]) <= rules.width
     said.identifiable[row] = certain and none < 0.5

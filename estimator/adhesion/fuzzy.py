@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import CREEP, FRICTION, LOOKED
+from estimator.adhesion.block import CREEP, FRICTION, LOOKED, NOBODY
 from estimator.adhesion.curves import PAST_PEAK, landmarks
 from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE
 from estimator.adhesion.fuzzy_rules import fuzzy_system
@@ -138,7 +138,7 @@ def _sums(told: Array, values: Array) -> None:  # pragma: no cover - compiled
     for i in range(n):
         count, square = told[i, COUNT], told[i, SQUARE]
         spread = -(2.0 * told[i, LOG_L] + square)
-        sound = math.isfinite(spread) and told[i, LOOKED] > 0.0
+        sound = math.isfinite(spread) and told[i, LOOKED] != NOBODY
         values[3 * i] = count
         values[3 * i + 1] = min(square, _CAP * count) if sound else _CAP * count
         values[3 * i + 2] = spread if sound else max(widest, 0.0)

@@ -10,13 +10,13 @@ each step, as an IMM does, would correct a wrong filter before it has shown wher
 Most filters sleep from one renewal to the next. Another one stands in for each of them: what it tells is
 taken as theirs.
 
-- Of each rail one filter is always awake: enough to see the rail come. Those of its other patches and frictions
-  wake when they have a chance, and it stands in for them while they have none.
+- Of each rail one filter is always awake: enough to see the rail come. Those of its other patches and
+  frictions wake when they have a chance, and it stands in for them while they have none.
 - Unlike rails under left and right wheel have no such filter. The best one stands in for them: what nobody has
   looked at becomes neither likelier nor less likely.
-- Some of those that sleep are tried in turn, for a second each, from where the best filter sees the wheelset:
-  unlike rails, and other patches and frictions of the rail that it may be. One that has a chance by then,
-  or that gains, stays awake.
+- Some of those that sleep are tried in turn, for a second each, from where the best filter sees the
+  wheelset: unlike rails, and other patches and frictions of the rail that it may be. One that has a
+  chance by then, or that gains, stays awake.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import LOOKED, begin_filter, one
+from estimator.adhesion.block import LOOKED, NOBODY, STAND_IN, begin_filter, one
 from estimator.adhesion.motion import L_L, L_R, N_X, S, linearise
 
 if TYPE_CHECKING:
@@ -147,4 +147,4 @@ def speak_for_the_sleeping(  # pragma: no cover - compiled
     for i in range(design.held.shape[0]):
         if memory.voice[i] != i:
             told[:, i] = told[:, memory.voice[i]]
-            told[:, i, LOOKED] = 1.0 if memory.voice[i] == design.stand_in[i] else 0.0
+            told[:, i, LOOKED] = STAND_IN if memory.voice[i] == design.stand_in[i] else NOBODY

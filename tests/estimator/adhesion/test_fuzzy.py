@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.adhesion import AdhesionBank, FuzzyIdentifier, Hypothesis, fuzzy_system, new_judgement
-from estimator.adhesion.block import CREEP, FRICTION, LOOKED, N_TOLD
+from estimator.adhesion.block import CREEP, FRICTION, ITSELF, LOOKED, N_TOLD, NOBODY
 from estimator.adhesion.curves import PAST_PEAK, landmarks
 from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE
 from estimator.adhesion.hypotheses import FRICTIONS, stand_ins, unlike_rails, with_torque, without_torque
@@ -56,7 +56,7 @@ def told_of(residuals: Array, spreads: Array, creeps: Array | None = None) -> Ar
     rows[..., SQUARE] = SAMPLES * np.square(residuals)
     rows[..., LOG_L] = -0.5 * (SAMPLES * np.asarray(spreads) + rows[..., SQUARE])
     rows[..., CREEP] = 1e-4 if creeps is None else creeps
-    rows[..., LOOKED] = 1.0
+    rows[..., LOOKED] = ITSELF
     return rows
 
 
@@ -191,7 +191,7 @@ def test_misfit_is_that_of_the_innovations_themselves() -> None:
     told[..., SQUARE] = (parts_e**2 / parts_S).sum(axis=2).T
     told[..., LOG_L] = -0.5 * (np.log(parts_S) + parts_e**2 / parts_S).sum(axis=2).T
     told[..., CREEP] = 1e-4
-    told[..., LOOKED] = 1.0
+    told[..., LOOKED] = ITSELF
     degrees = verdict_of(told, hypotheses).condition[-1]
     rival = max(1.0 - misfit / 10.0, 0.0)
     assert degrees.max() == pytest.approx(centroid(1.0, rival), abs=GRID)
@@ -239,7 +239,7 @@ def test_the_best_of_a_kind_speaks_for_it(chosen: int) -> None:
 
 def test_a_filter_that_has_not_looked_says_nothing() -> None:
     told = told_of(np.ones((1, N)), np.zeros((1, N)))
-    told[0, OWN != 0, LOOKED] = 0.0
+    told[0, OWN != 0, LOOKED] = NOBODY
     found = verdict_of(told).condition[0]
     assert found[0] == pytest.approx(0.9, abs=GRID)
     assert found[1:] == pytest.approx(0.1, abs=GRID)
