@@ -12,8 +12,8 @@ taken as theirs.
 
 - Of each rail one filter is always awake: enough to see the rail come. Those of its other patches and
   frictions wake when they have a chance, and it stands in for them while they have none.
-- Unlike rails under left and right wheel have no such filter. The best one stands in for them: what nobody has
-  looked at becomes neither likelier nor less likely.
+- Unlike rails under left and right wheel have no such filter. The best one stands in for them: what nobody
+  has looked at becomes neither likelier nor less likely.
 - Some of those that sleep are tried in turn, for a second each, from where the best filter sees the
   wheelset: unlike rails, and other patches and frictions of the rail that it may be. One that has a
   chance by then, or that gains, stays awake.
