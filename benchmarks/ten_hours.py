@@ -18,7 +18,7 @@ from standstill to 60 m/s and back, driving and braking on dry, wet, low and ver
   the greatest condition number of its correlations, over all filters, looked at each 100 s,
 * nan: how often something was not finite in what filters told or the bank said of a block,
 * MiB: the greatest memory of the process,
-* lost: how often each filter has started again, 1/s. On most of the journey it is not the right one.
+* awake: filters that do not sleep, and lost: how often a second each of them starts again, on average.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from numba import njit
 from co_sim.wheelset.recordings import Journey, Profile, Recording, Stretch, record
 from estimator import ERRI_B176, CreepCurve, Disturbances, LikelihoodBank, SensorBias, coloured_filter
 from estimator.adhesion import AdhesionBank
-from estimator.adhesion.block import LOST, begin_filter
+from estimator.adhesion.block import ITSELF, LOOKED, LOST, begin_filter
 from estimator.adhesion.block import Memory as AdhesionMemory
 from estimator.adhesion.motion import STATES
 from estimator.adhesion.online import bank_step, new_judgement, new_work
@@ -125,13 +125,15 @@ def shape(memory: AdhesionMemory, first: NDArray[np.float64]) -> tuple[float, fl
 def go_on(  # type: ignore[no-untyped-def]
     design, rules, memory, belief, work, since, z, usable, speed, torque, judged, lost, nan
 ):  # pragma: no cover - compiled
-    """Take samples, the first of which has the number `since`; count lost filters and what is not finite."""
+    """Take samples, the first of which has the number `since`; count filters lost and awake, and NaNs."""
     for k in range(z.shape[0]):
         if bank_step(
             design, rules, memory, belief, work, since + k, z[k], usable, speed[k], torque[k], judged
         ):
             for i in range(work.told.shape[0]):
-                lost[i] += work.told[i, LOST]
+                if work.told[i, LOOKED] == ITSELF:
+                    lost[0] += work.told[i, LOST]
+                    lost[1] += 1.0
                 nan[0] += not np.isfinite(work.told[i]).all()
             nan[0] += not np.isfinite(judged.p_hypothesis).all()
             nan[0] += not np.isfinite(judged.p_region).all()
@@ -151,9 +153,8 @@ def adhesion_hours(loops: int, per_hour: int) -> None:
         begin_filter(design, memory, i, float(speed.max()), 0.0)
     first = np.sqrt(np.diagonal(memory.filters.C, axis1=1, axis2=2)).copy()
     first[:, STATES.index("s")] = bank.friction  # which may move once a filter has settled
-    held = design.held
-    print(f"\n{'hour':7}{'trace':>10}{'condition':>10}{'nan':>10}{'MiB':>10}{'driven':>10}{'held':>10}")
-    trace, condition, lost, nan = 0.0, 0.0, np.zeros(n), np.zeros(1)
+    print(f"\n{'hour':7}{'trace':>10}{'condition':>10}{'nan':>10}{'MiB':>10}{'awake':>10}{'lost':>10}")
+    trace, condition, lost, nan = 0.0, 0.0, np.zeros(2), np.zeros(1)
     for loop in range(1, loops + 1):
         since = (loop - 1) * len(z)
         go_on(design, rules, memory, belief, work, since, z, usable, speed, torque, judged, lost, nan)
@@ -162,8 +163,8 @@ def adhesion_hours(loops: int, per_hour: int) -> None:
         if loop % per_hour == 0:
             used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
             line = f"{loop * LOOP / 3600.0:<7.1f}{trace:10.3g}{condition:10.3g}{nan[0]:10.0f}{used:10.1f}"
-            rates = [lost[which].mean() / (per_hour * LOOP) for which in (~held, held)]
-            print(line + "".join(f"{rate:10.2f}" for rate in rates), flush=True)
+            awake = lost[1] / (per_hour * len(z) / bank.block)
+            print(line + f"{awake:10.1f}{lost[0] / (per_hour * LOOP * awake):10.2f}", flush=True)
             trace, condition, lost[:], nan[:] = 0.0, 0.0, 0.0, 0.0
 
 

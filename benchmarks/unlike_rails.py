@@ -3,9 +3,9 @@
     python benchmarks/unlike_rails.py
 
 Torque driven at half of what the weaker rail gives to both wheels, 7 s each, from 1 s on while the wheelset
-is less than 8 mm off the track. *Pairs* is a bank that holds each pair of rails possible, *usual* one that
-knows none: shares of time in which the true pair is the most probable, in which the answer is trusted, and
-in which it is trusted while its interval does not hold the mean peak of both wheels.
+is less than 8 mm off the track. *Usual* is the bank as it is, *alike* one that holds no unlike rails
+possible: shares of time in which the true pair is the most probable, in which the answer is trusted, and in
+which it is trusted while its interval does not hold the mean peak of both wheels.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from co_sim.wheelset.recordings import Journey, Profile, Stretch, record
 from estimator import CreepCurve
-from estimator.adhesion import AdhesionBank, Hypothesis, with_unlike_rails
+from estimator.adhesion import AdhesionBank, Hypothesis
 from estimator.log import Log
 from fmu_wheelset import CONDITIONS, WheelsetParameters
 
@@ -55,11 +55,11 @@ def look(said: Recording, bank: AdhesionBank, true: str) -> tuple[float, float, 
 
 def main() -> None:
     """Print a line for each pair of rails and speed."""
-    pairs, usual = AdhesionBank(hypotheses=with_unlike_rails()), AdhesionBank()
-    print("left/right  m/s   pairs: right  trusted  wrongly   usual: trusted  wrongly")
+    usual, alike = AdhesionBank(), AdhesionBank(unlike=False)
+    print("left/right  m/s   usual: right  trusted  wrongly   alike: trusted  wrongly")
     for v, (left, right) in itertools.product(SPEEDS, RAILS):
         said, true = drive(left, right, v), Hypothesis(left, right=right).name
-        there, here = look(said, pairs, true), look(said, usual, true)
+        there, here = look(said, usual, true), look(said, alike, true)
         print(f"{left + '/' + right:10}{v:5.0f}{there[0]:15.2f}{there[1]:9.2f}{there[2]:9.2f}", end="")
         print(f"{here[1]:17.2f}{here[2]:9.2f}")
 
