@@ -22,8 +22,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-#: Of the interval in which a quantile is sought: to 1e-5 of the peak adhesion.
-_HALVINGS = 17
+#: Probability over the greatest below which a hypothesis says nothing of regions and peaks.
+_FAINT = 1e-5
+#: Of the interval in which a quantile is sought: to 1e-4 of the peak adhesion.
+_HALVINGS = 14
 
 
 class Rules(NamedTuple):
@@ -202,9 +204,16 @@ def _doubt(rules: Rules, belief: Belief, told: Array, best: int) -> float:  # pr
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _peaks(rules: Rules, told: Array, v: float, peaks: Array) -> None:  # pragma: no cover - compiled
-    """Write mean and deviation of the logarithm of each filter's peak adhesion, (n, 2)."""
+def _peaks(rules: Rules, told: Array, v: float, p: Array, peaks: Array) -> None:  # pragma: no cover
+    """Write mean and deviation of the logarithm of each filter's peak adhesion, (n, 2).
+
+    A hypothesis that is too faint to count gets the deviation 0.
+    """
+    faint = _FAINT * p.max()
     for i in range(told.shape[0]):
+        peaks[i, 1] = 0.0
+        if p[i] < faint:
+            continue
         s, step = told[i, FRICTION], 0.1
         mean, slope = 0.0, 0.0
         for side in range(2):
@@ -221,13 +230,14 @@ def _quantile(p: Array, peaks: Array, level: float) -> float:  # pragma: no cove
     n = peaks.shape[0]
     lower, upper, known = math.inf, -math.inf, 0.0
     for i in range(n):
-        lower = min(lower, peaks[i, 0] - 6.0 * peaks[i, 1])
-        upper = max(upper, peaks[i, 0] + 6.0 * peaks[i, 1])
-        known += p[i]
+        if peaks[i, 1] > 0.0:
+            lower = min(lower, peaks[i, 0] - 6.0 * peaks[i, 1])
+            upper = max(upper, peaks[i, 0] + 6.0 * peaks[i, 1])
+            known += p[i]
     for _ in range(_HALVINGS):
         middle, below = 0.5 * (lower + upper), 0.0
         for i in range(n):
-            if p[i] > 1e-6 * known:
+            if peaks[i, 1] > 0.0:
                 below += p[i] * _normal((middle - peaks[i, 0]) / peaks[i, 1])
         if below < level * known:
             lower = middle
@@ -240,8 +250,10 @@ def _quantile(p: Array, peaks: Array, level: float) -> float:  # pragma: no cove
 def _regions(rules: Rules, told: Array, v: float, p: Array, out: Array) -> None:  # pragma: no cover
     """Write the probabilities of the regions (3,), from the creep that each filter believes in."""
     out[:] = 0.0
-    total = 0.0
+    total, faint = 0.0, _FAINT * p.max()
     for i in range(told.shape[0]):
+        if p[i] < faint:
+            continue
         peak, knee = math.inf, math.inf
         for side in range(2):
             _, at_peak, at_knee = landmarks(rules.curves, rules.curve[i, side], v, told[i, FRICTION])
@@ -297,7 +309,7 @@ def judge(  # pragma: no cover - compiled
     said.p_none[row] = belief.p[n]
     none = belief.p[n]
     _regions(rules, told, v, p, said.p_region[row])
-    _peaks(rules, told, v, peaks)
+    _peaks(rules, told, v, p, peaks)
     mu = said.mu[row]
     mu[0] = used
     for j, level in ((1, 0.5), (2, 0.05), (3, 0.95)):
