@@ -37,9 +37,10 @@ class Rules(NamedTuple):
     `window` blocks of the moving window, 0 for recursive evidence. `condition` and `stand_in` (n,)
     condition of each hypothesis, and who stands in for it. `curve` (n, 2). `load` normal load times
     radius on both wheels, N m. `spread` standard deviation of the peak's logarithm that the model leaves.
-    `doubt` greatest bound on the error of the condition and `width` greatest logarithm of upper over
-    lower bound of the peak adhesion for which the result is trusted. `memory` share of a block in the
-    running sum of the information. `renewal` blocks from one renewal to the next, 0: none.
+    `doubt` greatest bound on the error of the condition, and greatest probability of the others, and
+    `width` greatest logarithm of upper over lower bound of the peak adhesion for which the result is
+    trusted. `memory` share of a block in the running sum of the information. `renewal` blocks from one
+    renewal to the next, 0: none.
     """
 
     curves: Curves
@@ -315,4 +316,5 @@ def judge(  # pragma: no cover - compiled
     for j, level in ((1, 0.5), (2, 0.05), (3, 0.95)):
         mu[j] = max(_quantile(p, peaks, level), abs(used))
     certain = _doubt(rules, belief, told, best) <= rules.doubt and math.log(mu[3] / mu[2]) <= rules.width
-    said.identifiable[row] = certain and none < 0.5
+    sure = said.p_condition[row, rules.condition[best]] >= 1.0 - rules.doubt
+    said.identifiable[row] = certain and sure and none < 0.5

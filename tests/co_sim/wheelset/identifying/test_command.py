@@ -299,10 +299,13 @@ def test_slow_loggers(ride: Ride, rate: int, tmp_path: Path) -> None:
     assert call("identify", tmp_path / "a.csv", "--out", tmp_path / "out") == 0
     rows = rows_of(tmp_path / "out")
     assert len(rows) == pytest.approx(400, abs=2)
-    # A tenth of the samples: dry and low rail differ in slope alone here.
     trusted = [row["condition"] for row in rows[-200:] if row["identifiable"] == "true"]
-    assert set(trusted) == {"dry"}
-    assert rate == 100 or len(trusted) > 100
+    if rate == 100:
+        # A tenth of the samples: dry and low rail differ in slope alone here, and hardly a row is trusted.
+        assert len(trusted) < 10
+    else:
+        assert set(trusted) == {"dry"}
+        assert len(trusted) > 100
 
 
 @pytest.mark.usefixtures("_undrawn")
