@@ -301,8 +301,9 @@ def test_slow_loggers(ride: Ride, rate: int, tmp_path: Path) -> None:
     assert len(rows) == pytest.approx(400, abs=2)
     trusted = [row["condition"] for row in rows[-200:] if row["identifiable"] == "true"]
     if rate == 100:
-        # A tenth of the samples: dry and low rail differ in slope alone here, and hardly a row is trusted.
-        assert len(trusted) < 10
+        # A tenth of the samples: dry and low rail differ in slope alone here, and few rows are trusted.
+        assert len(trusted) < 60
+        assert trusted.count("dry") > 0.8 * len(trusted)
     else:
         assert set(trusted) == {"dry"}
         assert len(trusted) > 100
