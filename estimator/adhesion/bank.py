@@ -305,7 +305,7 @@ class AdhesionBank:
             in_turn=_in_turn(hypotheses),
             h=self.h,
             block=self.block,
-            quiet=np.array([0.05, 1.25]),
+            loud=1.25,
             far=_FAR,
         )
 

@@ -47,6 +47,9 @@ NOBODY, STAND_IN, ITSELF = 0.0, 1.0, 2.0
 _SETTLING = 20
 #: Blocks without data after which a filter starts again: its linear covariance no longer means anything.
 _SILENCE = 20
+#: Normalised squares over which their running mean is taken, and the greatest share of a block in it. It
+#: counts squares and not blocks: a few samples are beyond any bound by chance.
+_SQUARES, _SHARE = 400.0, 0.05
 #: Greatest driving creep that a filter may believe in.
 _GREATEST_CREEP = 1.0
 
@@ -57,9 +60,9 @@ class Design(NamedTuple):
     `rails` (n, 2, 5), `friction` (n, 2) mean and standard deviation of its logarithm, `held` (n,), `creep`
     (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2) the places of both rails in `curves`,
     `stand_in` (n,) the filter that stands in for each while it sleeps, `in_turn` the filters that may
-    sleep in the order in which they are tried; `h` step (s) and `block` its samples; `quiet` (2,) the
-    share of a block in the running mean of the normalised squares and its bound beyond which a filter is
-    lost; `far` the offset from the track beyond which it is, m.
+    sleep in the order in which they are tried; `h` step (s) and `block` its samples; `loud` the bound on the
+    running mean of the normalised squares beyond which a filter is lost; `far` the offset from the track
+    beyond which it is, m.
     """
 
     car: Vehicle
@@ -77,7 +80,7 @@ class Design(NamedTuple):
     in_turn: Indices
     h: float
     block: int
-    quiet: Array
+    loud: float
     far: float
 
 
@@ -180,7 +183,8 @@ def end_block(  # pragma: no cover - compiled
     silent = told[COUNT] == 0.0
     memory.silence[i] = memory.silence[i] + 1 if silent else 0
     if not silent:
-        memory.squares[i] += design.quiet[0] * (told[SQUARE] / told[COUNT] - memory.squares[i])
+        share = min(told[COUNT] / _SQUARES, _SHARE)
+        memory.squares[i] += share * (told[SQUARE] / told[COUNT] - memory.squares[i])
     told[LOG_L], told[SQUARE], told[COUNT] = 0.0, 0.0, 0.0
     sound = math.isfinite(row[LOG_L]) and row[CREEP] < _GREATEST_CREEP
     sound = sound and abs(x[Y]) < design.far
@@ -193,7 +197,7 @@ def end_block(  # pragma: no cover - compiled
             C[S, S] += design.friction[i, 1] ** 2
     if memory.silence[i] >= _SILENCE:
         begin_filter(design, memory, i, v, torque)
-    elif not sound or memory.squares[i] > design.quiet[1]:
+    elif not sound or memory.squares[i] > design.loud:
         begin_filter(design, memory, i, v, torque)
         row[LOST] = 1.0
 
