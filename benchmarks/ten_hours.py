@@ -14,8 +14,9 @@ peak that hardly sees where the wheelset is; and an unstable one. For each hour:
 Then the adhesion bank, sample by sample and without any break, through a journey of 100 s again and again:
 from standstill to 60 m/s and back, driving and braking on dry, wet, low and very low rail. For each hour:
 
-* trace: the greatest trace of a covariance in units of the variances at the start at 60 m/s, and condition:
-  the greatest condition number of its correlations, over all filters, looked at each 100 s,
+* trace: the greatest trace of a covariance in units of the variances with which a filter starts there, and
+  condition: the greatest condition number of its correlations, over the filters that are awake, looked at
+  each 100 s, when the wheelset stands,
 * nan: how often something was not finite in what filters told or the bank said of a block,
 * MiB: the greatest memory of the process,
 * awake: filters that do not sleep, and lost: how often a second each of them starts again, on average.
@@ -109,9 +110,10 @@ def journey() -> Recording:
 
 
 def shape(memory: AdhesionMemory, first: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the greatest trace and condition number over the filters, in the units `first` (n, 12)."""
+    """Return the greatest trace and condition number over the filters awake, in the units `first` (n, 12)."""
     traces, conditions = [], []
-    for C, units in zip(memory.filters.C, first, strict=True):
+    for i in np.flatnonzero(memory.voice == np.arange(len(first))):
+        C, units = memory.filters.C[i], first[i]
         kept = units > 0.0
         scaled = C[np.ix_(kept, kept)] / np.outer(units[kept], units[kept])
         traces.append(np.trace(scaled))
@@ -150,7 +152,7 @@ def adhesion_hours(loops: int, per_hour: int) -> None:
     speed, torque, usable = said.speed[1:], said.traction_torque[1:], np.ones(2, dtype=np.bool_)
     judged, work = new_judgement(1, n, len(CONDITIONS)), new_work(n)
     for i in range(n):
-        begin_filter(design, memory, i, float(speed.max()), 0.0)
+        begin_filter(design, memory, i, float(speed[-1]), float(torque[-1]))
     first = np.sqrt(np.diagonal(memory.filters.C, axis1=1, axis2=2)).copy()
     first[:, STATES.index("s")] = bank.friction  # which may move once a filter has settled
     print(f"\n{'hour':7}{'trace':>10}{'condition':>10}{'nan':>10}{'MiB':>10}{'awake':>10}{'lost':>10}")
