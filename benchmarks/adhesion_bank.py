@@ -22,7 +22,7 @@ from co_sim.wheelset.assembly import Case, assemble
 from co_sim.wheelset.scenario import Rail, Scenario
 from co_sim.wheelset.track import synthesise
 from estimator import ERRI_B176, CreepCurve
-from estimator.adhesion import AdhesionBank
+from estimator.adhesion import AdhesionBank, Unknowns
 from estimator.adhesion.block import ITSELF, LOOKED
 from estimator.log import Log
 from fmu_wheelset.parameters import CONDITIONS
@@ -73,13 +73,11 @@ def record(condition: str, speed: float, utilisation: float, seed: int, friction
     return Trial(condition, speed, utilisation, curve.peak_adhesion, log)
 
 
-def judge(trial: Trial, bank: AdhesionBank, windows: tuple[float, ...]) -> list[tuple[float, ...]]:
+def judge(trial: Trial, banks: dict[float, AdhesionBank]) -> list[tuple[float, ...]]:
     """Return share right, median error of the peak, coverage, share more than 10 % too high; by window."""
-    hypotheses = bank.hypotheses()
     results = []
-    for window in windows:
-        bank.window = window
-        said = bank.look_at(trial.log, hypotheses)[1]
+    for window, bank in banks.items():
+        said = bank.look_at(trial.log, bank.hypotheses())[1]
         since = int(max(window, 1.0) * 100)
         right = np.argmax(said.p_condition[since:], axis=1) == list(CONDITIONS).index(trial.condition)
         _, peak, lower, upper = said.mu[since:].T / trial.peak
@@ -97,8 +95,10 @@ def main() -> None:
     parser.add_argument("--friction", type=float, default=0.05)
     parser.add_argument("--known", action="store_true", help="offsets of the sensors and patch are known")
     options = parser.parse_args()
-    bank = AdhesionBank(bias=(0.0, 0.0), patches=(1.0,), unlike=False) if options.known else AdhesionBank()
+    only_friction = replace(Unknowns.none(), friction=Unknowns.friction)
+    unknown = only_friction if options.known else Unknowns()
     windows, peaks = (1.0, 5.0), []
+    banks = {window: AdhesionBank(window=window, unknown=unknown) for window in windows}
     print("condition  m/s   window s   right   worst utilisation")
     for condition, speed in itertools.product(CONDITIONS, SPEEDS):
         trials = [
@@ -106,7 +106,7 @@ def main() -> None:
             for utilisation in UTILISATIONS
             for seed in range(options.seeds)
         ]
-        found = np.array([judge(trial, bank, windows) for trial in trials])
+        found = np.array([judge(trial, banks) for trial in trials])
         loaded = [trial.utilisation >= 0.6 for trial in trials]
         peaks.append(found[loaded])
         for i, window in enumerate(windows):
@@ -118,7 +118,7 @@ def main() -> None:
             f"peak from 60 % utilisation on, {window:g} s: median error {error:.1%}, "
             f"inside the 90 % interval {inside:.1%}, more than 10 % too high {high:.1%}"
         )
-    bank.window = None
+    bank = AdhesionBank(unknown=unknown)
     start = time.process_time()
     told, _ = bank.look_at(trials[-1].log, bank.hypotheses(), workers=1)
     cost = 1e6 * (time.process_time() - start) / len(trials[-1].log)

@@ -37,8 +37,9 @@ from estimator import ERRI_B176, CreepCurve, Disturbances, LikelihoodBank, Senso
 from estimator.adhesion import AdhesionBank
 from estimator.adhesion.block import ITSELF, LOOKED, LOST, begin_filter
 from estimator.adhesion.block import Memory as AdhesionMemory
+from estimator.adhesion.judgement import new_judgement
 from estimator.adhesion.motion import STATES
-from estimator.adhesion.online import bank_step, new_judgement, new_work
+from estimator.adhesion.online import bank_step, new_work
 from estimator.likelihood_kernel import Memory, likelihood_run
 from estimator.linear_models import operating_points, point_at
 from fmu_wheelset import CONDITIONS, WheelsetParameters
@@ -154,7 +155,7 @@ def adhesion_hours(loops: int, per_hour: int) -> None:
     for i in range(n):
         begin_filter(design, memory, i, float(speed[-1]), float(torque[-1]))
     first = np.sqrt(np.diagonal(memory.filters.C, axis1=1, axis2=2)).copy()
-    first[:, STATES.index("s")] = bank.friction  # which may move once a filter has settled
+    first[:, STATES.index("s")] = bank.assumed.unknown.friction  # which may move once a filter has settled
     print(f"\n{'hour':7}{'trace':>10}{'condition':>10}{'nan':>10}{'MiB':>10}{'awake':>10}{'lost':>10}")
     trace, condition, lost, nan = 0.0, 0.0, np.zeros(2), np.zeros(1)
     for loop in range(1, loops + 1):

@@ -17,7 +17,7 @@ import numpy as np
 
 from co_sim.wheelset.recordings import Journey, Profile, Stretch, record
 from estimator import CreepCurve
-from estimator.adhesion import AdhesionBank, Hypothesis
+from estimator.adhesion import AdhesionBank, Hypothesis, Unknowns
 from estimator.log import Log
 from fmu_wheelset import CONDITIONS, WheelsetParameters
 
@@ -55,7 +55,7 @@ def look(said: Recording, bank: AdhesionBank, true: str) -> tuple[float, float, 
 
 def main() -> None:
     """Print a line for each pair of rails and speed."""
-    usual, alike = AdhesionBank(), AdhesionBank(unlike=False)
+    usual, alike = AdhesionBank(), AdhesionBank(unknown=Unknowns(unlike_rails=False))
     print("left/right  m/s   usual: right  trusted  wrongly   alike: trusted  wrongly")
     for v, (left, right) in itertools.product(SPEEDS, RAILS):
         said, true = drive(left, right, v), Hypothesis(left, right=right).name

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from co_sim.errors import Fault, InputError, suggestion
 from co_sim.wheelset.scenario import Scenario
 from co_sim.wheelset.table_files import read_text, tables_of, validated
-from estimator.adhesion.bank import BIAS, PATCHES
+from estimator.adhesion import Unknowns
 from fmu_wheelset import CONDITIONS, RailCondition, WheelsetParameters
 
 if TYPE_CHECKING:
@@ -19,20 +19,26 @@ if TYPE_CHECKING:
 
 __all__ = ["Vehicle", "read_vehicle", "read_wheelset"]
 
+_USUAL = Unknowns()
+
 
 class _Unknown(BaseModel):
     """What the adhesion bank is told that nobody knows: the table ``unknown`` of a vehicle."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    gyro_bias: float = Field(BIAS[0], ge=0.0, description="standard deviation of the gyro's offset, rad/s")
+    gyro_bias: float = Field(
+        _USUAL.bias[0], ge=0.0, description="standard deviation of the gyro's offset, rad/s"
+    )
     accelerometer_bias: float = Field(
-        BIAS[1], ge=0.0, description="standard deviation of the accelerometer's offset, m/s2"
+        _USUAL.bias[1], ge=0.0, description="standard deviation of the accelerometer's offset, m/s2"
     )
     patches: tuple[Annotated[float, Field(gt=0.5, lt=2.0)], ...] = Field(
-        PATCHES, min_length=1, description="sizes of the contact patches held possible, over the nominal one"
+        _USUAL.patches,
+        min_length=1,
+        description="sizes of the contact patches held possible, over the nominal one",
     )
-    unlike_rails: bool = Field(True, description="whether left and right rail may differ")
+    unlike_rails: bool = Field(_USUAL.unlike_rails, description="whether left and right rail may differ")
 
 
 class _Unknowns(BaseModel):
@@ -48,15 +54,12 @@ class Vehicle:
     Parameters
     ----------
     wheelset : its parameters. conditions : by name, those of `CONDITIONS`.
-    bias : standard deviations of the sensors' offsets. patches : sizes of the contact patches that are held
-        possible. unlike_rails : whether left and right rail may differ; all as in `AdhesionBank`.
+    unknown : what the adhesion bank allows for besides the condition.
     """
 
     wheelset: WheelsetParameters = field(default_factory=WheelsetParameters)
     conditions: Mapping[str, RailCondition] = field(default_factory=lambda: dict(CONDITIONS))
-    bias: tuple[float, float] = BIAS
-    patches: tuple[float, ...] = PATCHES
-    unlike_rails: bool = True
+    unknown: Unknowns = field(default_factory=Unknowns)
 
 
 def read_vehicle(path: Path) -> Vehicle:
@@ -71,11 +74,15 @@ def read_vehicle(path: Path) -> Vehicle:
     """
     wheelset = _tables(path)
     conditions = _completed(path.name, wheelset.pop("conditions", {}))
-    unknown = validated(_Unknowns, {"unknown": wheelset.pop("unknown", {})}, path.name).unknown
+    said = validated(_Unknowns, {"unknown": wheelset.pop("unknown", {})}, path.name).unknown
     scenario = _scenario(path.name, wheelset, conditions)
     rails = {name: scenario.condition(name) for name in CONDITIONS}
-    bias = (unknown.gyro_bias, unknown.accelerometer_bias)
-    return Vehicle(scenario.parameters, rails, bias, unknown.patches, unknown.unlike_rails)
+    unknown = Unknowns(
+        bias=(said.gyro_bias, said.accelerometer_bias),
+        patches=said.patches,
+        unlike_rails=said.unlike_rails,
+    )
+    return Vehicle(scenario.parameters, rails, unknown)
 
 
 def read_wheelset(path: Path) -> WheelsetParameters:

@@ -23,6 +23,7 @@ __all__ = [
     "N_TOLD",
     "Design",
     "Memory",
+    "awake",
     "begin_filter",
     "end_block",
     "new_memory",
@@ -58,11 +59,9 @@ class Design(NamedTuple):
     """What the filters of a bank read; n filters.
 
     `rails` (n, 2, 5), `friction` (n, 2) mean and standard deviation of its logarithm, `held` (n,), `creep`
-    (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2) the places of both rails in `curves`,
-    `stand_in` (n,) the filter that stands in for each while it sleeps, `in_turn` the filters that may
-    sleep in the order in which they are tried; `h` step (s) and `block` its samples; `loud` the bound on the
-    running mean of the normalised squares beyond which a filter is lost; `far` the offset from the track
-    beyond which it is, m.
+    (n,) where a held creep starts, `W_creep` (n,), `curve` (n, 2) the places of both rails in `curves`; `h`
+    step (s) and `block` its samples; `loud` the bound on the running mean of the normalised squares beyond
+    which a filter is lost; `far` the offset from the track beyond which it is, m.
     """
 
     car: Vehicle
@@ -76,8 +75,6 @@ class Design(NamedTuple):
     creep: Array
     W_creep: Array
     curve: Indices
-    stand_in: Indices
-    in_turn: Indices
     h: float
     block: int
     loud: float
@@ -110,6 +107,12 @@ def new_memory(n: int) -> Memory:
     silence, settling = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     voice, turn = np.arange(n), np.zeros(1, dtype=np.int64)
     return Memory(filters, np.zeros((n, 8)), np.ones(n), silence, settling, voice, turn, np.zeros(1))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def awake(memory: Memory, i: int) -> bool:  # pragma: no cover - compiled
+    """Return whether filter `i` speaks for itself."""
+    return bool(memory.voice[i] == i)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -208,7 +211,7 @@ def run_filter(  # pragma: no cover - compiled
     v: Array, v_dot: Array, torque: Array, z: Array, usable: Flags, work: Array, rows: Array,
     since: int, until: int,
 ) -> None:  # fmt: skip
-    """Run filter `i` over blocks `since` to before `until` of z (T, 2); writes rows (blocks, n, 14).
+    """Run filter `i` over blocks `since` to before `until` of z (T, 2); writes their rows (blocks, n, 14).
 
     Arrays are taken apart once: a view costs as much as many a line of the filter.
     """
@@ -223,4 +226,4 @@ def run_filter(  # pragma: no cover - compiled
             z[k, 1] if usable[k, 1] else math.nan, kept, room, told,
         )  # fmt: skip
         if (k + 1) % design.block == 0:
-            end_block(design, memory, i, v[k], torque[k], rows[k // design.block, i])
+            end_block(design, memory, i, v[k], torque[k], rows[k // design.block - since, i])

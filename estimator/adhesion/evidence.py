@@ -1,4 +1,4 @@
-"""From what the filters tell of a block to probabilities, peak adhesion and whether to trust them."""
+"""From what the filters tell of a block to the probabilities of the hypotheses."""
 
 from __future__ import annotations
 
@@ -9,23 +9,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import CREEP, FRICTION, ITSELF, LOOKED, STAND_IN, VAR_CREEP, VAR_FRICTION
-from estimator.adhesion.curves import PAST_PEAK, landmarks
-from estimator.adhesion.ekf import COUNT, E_ACC, E_YAW, LOG_L, ON_WHEELS, S_ACC, S_YAW, SQUARE
+from estimator.adhesion.block import ITSELF, LOOKED, STAND_IN
+from estimator.adhesion.ekf import COUNT, E_ACC, E_YAW, LOG_L, S_ACC, S_YAW, SQUARE
 
 if TYPE_CHECKING:
     from estimator.adhesion.curves import Curves
+    from estimator.adhesion.judgement import Judgement
 
-__all__ = ["Belief", "Judgement", "Rules", "judge"]
+__all__ = ["Belief", "Rules", "new_belief", "weigh"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-#: Probability over the greatest below which a hypothesis says nothing of regions and peaks.
-_FAINT = 1e-5
-#: Of the interval in which a quantile is sought: to 1e-4 of the peak adhesion.
-_HALVINGS = 14
 
 
 class Rules(NamedTuple):
@@ -34,13 +28,14 @@ class Rules(NamedTuple):
     `prior` (n + 1,). `change` probability that a block begins with another hypothesis, `turn` (n + 1, n + 1)
     how likely each (column) is then after each (row). `clip` greatest log-likelihood ratio that one block
     may add. `none` variance of the innovations over what the filters expect, if none of them is right.
-    `window` blocks of the moving window, 0 for recursive evidence. `condition` and `stand_in` (n,)
-    condition of each hypothesis, and who stands in for it. `curve` (n, 2). `load` normal load times
-    radius on both wheels, N m. `spread` standard deviation of the peak's logarithm that the model leaves.
-    `doubt` greatest bound on the error of the condition, and greatest probability of the others, and
-    `width` greatest logarithm of upper over lower bound of the peak adhesion for which the result is
-    trusted. `memory` share of a block in the running sum of the information. `renewal` blocks from one
-    renewal to the next, 0: none.
+    `window` blocks of the moving window, 0 for recursive evidence. `condition` (n,) of each hypothesis.
+    `curve` (n, 2) the places of its rails in `curves`. `load` normal load times radius on both wheels, N m.
+    `spread` standard deviation of the peak's logarithm that the model leaves. `doubt` greatest bound on the
+    error of the condition, and greatest probability of the others, and `width` greatest logarithm of upper
+    over lower bound of the peak adhesion for which the result is trusted. `memory` share of a block in the
+    running sum of the information. `renewal` blocks from one renewal to the next, 0: none. `stand_in` (n,)
+    which filter stands in for each while it sleeps, `always` those that never sleep, and `in_turn` those
+    that may, in the order in which they are tried.
     """
 
     curves: Curves
@@ -51,7 +46,6 @@ class Rules(NamedTuple):
     none: float
     window: int
     condition: Indices
-    stand_in: Indices
     curve: Indices
     load: float
     spread: float
@@ -59,6 +53,9 @@ class Rules(NamedTuple):
     width: float
     memory: float
     renewal: int
+    stand_in: Indices
+    always: Indices
+    in_turn: Indices
 
 
 class Belief(NamedTuple):
@@ -75,23 +72,16 @@ class Belief(NamedTuple):
     gained: Array
 
 
-class Judgement(NamedTuple):
-    """What is said of blocks, (rows, ...); see `AdhesionIdentification`."""
-
-    p_region: Array
-    p_condition: Array
-    p_hypothesis: Array
-    p_none: Array
-    mu: Array
-    identifiable: NDArray[np.bool_]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _normal(x: float) -> float:  # pragma: no cover - compiled
-    """Return the probability that a standard normal deviate is less than x, to 1e-9."""
-    if abs(x) > 6.0:
-        return 1.0 if x > 0.0 else 0.0
-    return 0.5 * math.erfc(-x / math.sqrt(2.0))
+def new_belief(rules: Rules) -> Belief:
+    """Return what is believed before the first block."""
+    n = len(rules.prior)
+    return Belief(
+        rules.prior.copy(),
+        np.zeros((max(rules.window, 1), n)),
+        np.zeros(n),
+        np.zeros((n - 1, n - 1)),
+        np.zeros(n - 1),
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -205,86 +195,12 @@ def _doubt(rules: Rules, belief: Belief, told: Array, best: int) -> float:  # pr
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _peaks(rules: Rules, told: Array, v: float, p: Array, peaks: Array) -> None:  # pragma: no cover
-    """Write mean and deviation of the logarithm of each filter's peak adhesion, (n, 2).
-
-    A hypothesis that is too faint to count gets the deviation 0.
-    """
-    faint = _FAINT * p.max()
-    for i in range(told.shape[0]):
-        peaks[i, 1] = 0.0
-        if p[i] < faint:
-            continue
-        s, step = told[i, FRICTION], 0.1
-        mean, slope = 0.0, 0.0
-        for side in range(2):
-            at = landmarks(rules.curves, rules.curve[i, side], v, s)[0]
-            mean += 0.5 * math.exp(at)
-            slope += 0.5 * (landmarks(rules.curves, rules.curve[i, side], v, s + step)[0] - at) / step
-        peaks[i, 0] = math.log(mean)
-        peaks[i, 1] = math.sqrt(slope * slope * max(told[i, VAR_FRICTION], 0.0) + rules.spread**2)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _quantile(p: Array, peaks: Array, level: float) -> float:  # pragma: no cover - compiled
-    """Return a quantile of the mixture of log-normal peaks with the weights p (n,), by bisection."""
-    n = peaks.shape[0]
-    lower, upper, known = math.inf, -math.inf, 0.0
-    for i in range(n):
-        if peaks[i, 1] > 0.0:
-            lower = min(lower, peaks[i, 0] - 6.0 * peaks[i, 1])
-            upper = max(upper, peaks[i, 0] + 6.0 * peaks[i, 1])
-            known += p[i]
-    for _ in range(_HALVINGS):
-        middle, below = 0.5 * (lower + upper), 0.0
-        for i in range(n):
-            if peaks[i, 1] > 0.0:
-                below += p[i] * _normal((middle - peaks[i, 0]) / peaks[i, 1])
-        if below < level * known:
-            lower = middle
-        else:
-            upper = middle
-    return math.exp(0.5 * (lower + upper))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _regions(rules: Rules, told: Array, v: float, p: Array, out: Array) -> None:  # pragma: no cover
-    """Write the probabilities of the regions (3,), from the creep that each filter believes in."""
-    out[:] = 0.0
-    total, faint = 0.0, _FAINT * p.max()
-    for i in range(told.shape[0]):
-        if p[i] < faint:
-            continue
-        peak, knee = math.inf, math.inf
-        for side in range(2):
-            _, at_peak, at_knee = landmarks(rules.curves, rules.curve[i, side], v, told[i, FRICTION])
-            peak, knee = min(peak, at_peak), min(knee, at_knee)
-        sd = math.sqrt(max(told[i, VAR_CREEP], 1e-16))
-        below_knee = _normal((math.exp(knee) - told[i, CREEP]) / sd)
-        below_peak = _normal((PAST_PEAK * math.exp(peak) - told[i, CREEP]) / sd)
-        out[0] += p[i] * below_knee
-        out[1] += p[i] * max(below_peak - below_knee, 0.0)
-        out[2] += p[i] * (1.0 - below_peak)
-        total += p[i]
-    for j in range(3):
-        out[j] /= total
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def judge(  # pragma: no cover - compiled
-    rules: Rules,
-    belief: Belief,
-    k: int,
-    told: Array,
-    v: float,
-    log_l: Array,
-    peaks: Array,
-    said: Judgement,
-    row: int,
+def weigh(  # pragma: no cover - compiled
+    rules: Rules, belief: Belief, k: int, told: Array, log_l: Array, said: Judgement, row: int
 ) -> None:
-    """Take block k, told (n, 14), into the belief; write row k of what is said.
+    """Take block k, told (n, 14), into the belief; write row `row` of the probabilities.
 
-    log_l (n + 1,) and peaks (n, 2) are work space.
+    And whether the condition is certain, as far as that shows here. log_l (n + 1,) is work space.
     """
     n = told.shape[0]
     _likelihoods(rules, belief, told, log_l)
@@ -292,29 +208,18 @@ def judge(  # pragma: no cover - compiled
         belief.gained[i] += log_l[i]
     _update(rules, belief, k, log_l)
     _learn(rules, belief, told)
-    p = said.p_hypothesis[row]
+    p, p_condition, none = said.p_hypothesis[row], said.p_condition[row], belief.p[n]
     # Where "none of these" is all but certain, what is left still says which of them it would be.
-    left, known = max(1.0 - belief.p[n], 1e-15), belief.p[:n].sum()
+    left, known = max(1.0 - none, 1e-15), belief.p[:n].sum()
+    best = 0
     for i in range(n):
         p[i] = left * (belief.p[i] / known if known > 0.0 else 1.0 / n)
-    best, known, used = 0, 0.0, 0.0
-    said.p_condition[row, :] = 0.0
-    for i in range(n):
         if p[i] > p[best]:
             best = i
-        known += p[i]
-    known = max(known, 1e-300)
+    known = max(p.sum(), 1e-300)
+    p_condition[:] = 0.0
     for i in range(n):
-        said.p_condition[row, rules.condition[i]] += p[i] / known
-        used += p[i] * told[i, ON_WHEELS] / (known * rules.load)
-    said.p_none[row] = belief.p[n]
-    none = belief.p[n]
-    _regions(rules, told, v, p, said.p_region[row])
-    _peaks(rules, told, v, p, peaks)
-    mu = said.mu[row]
-    mu[0] = used
-    for j, level in ((1, 0.5), (2, 0.05), (3, 0.95)):
-        mu[j] = max(_quantile(p, peaks, level), abs(used))
-    certain = _doubt(rules, belief, told, best) <= rules.doubt and math.log(mu[3] / mu[2]) <= rules.width
-    sure = said.p_condition[row, rules.condition[best]] >= 1.0 - rules.doubt
-    said.identifiable[row] = certain and sure and none < 0.5
+        p_condition[rules.condition[i]] += p[i] / known
+    said.p_none[row] = none
+    sure = p_condition[rules.condition[best]] >= 1.0 - rules.doubt and none < 0.5
+    said.identifiable[row] = sure and _doubt(rules, belief, told, best) <= rules.doubt

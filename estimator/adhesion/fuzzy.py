@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     from estimator.adhesion.bank import AdhesionBank
     from estimator.adhesion.curves import Curves
-    from estimator.adhesion.evidence import Judgement
     from estimator.adhesion.hypotheses import Hypothesis
+    from estimator.adhesion.judgement import Judgement
 
 __all__ = ["SURE", "SURELY_NOT", "FuzzyIdentifier", "Verdict", "fuzzy_block"]
 
@@ -263,10 +263,10 @@ class FuzzyIdentifier:
         self._n, self._conditions = len(hypotheses), len(bank.conditions)
         rules = bank.rules(hypotheses)
         chosen, kind = np.unique(kinds(hypotheses), return_inverse=True)
-        names = list(bank.conditions)
+        names = bank.conditions
         rails = [names[rules.condition[i]] for i in chosen]
         self._system = fuzzy_system([hypotheses[i].name for i in chosen], rails, names).compile()
-        friction = bank.friction * np.array([h.friction for h in hypotheses])
+        friction = bank.assumed.unknown.friction * np.array([h.friction for h in hypotheses])
         weight = np.divide(1.0, friction[:, 1] ** 2, out=np.zeros(self._n), where=friction[:, 1] > 0.0)
         self._design = Design(
             rules.curves,
@@ -305,7 +305,13 @@ class FuzzyIdentifier:
     def step(self, k: int, told: Array, speed: float, said: Judgement, verdict: Verdict) -> None:
         """Take block `k` = 0, 1, ...: told (n, 14), and row 0 of what the bank says; write row 0."""
         self._check(told)
-        _rows(self._design, self._memory, self._work, k, told[None], np.array([abs(speed)]), said, verdict)
+        v = np.array([abs(speed)])
+        _rows(self._design, self._memory, self._work, k, 0, told[None], v, said, verdict)
+
+    def take(self, k: int, told: Array, speed: Array, said: Judgement, verdict: Verdict) -> None:
+        """Take blocks from `k` on: told (blocks, n, 14) at the speeds (blocks,); write their rows."""
+        self._check(told)
+        _rows(self._design, self._memory, self._work, k, k, told, np.abs(speed), said, verdict)
 
     def _check(self, told: Array) -> None:
         if told.shape[-2] != self._n:
@@ -316,20 +322,19 @@ class FuzzyIdentifier:
 
     def run(self, told: Array, speed: Array, said: Judgement) -> Verdict:
         """Reset, then judge all blocks, told (rows, n, 14), at the speeds (rows,)."""
-        self._check(told)
         self.reset()
         verdict = self.new_verdict(len(told))
-        _rows(self._design, self._memory, self._work, 0, told, np.abs(speed), said, verdict)
+        self.take(0, told, speed, said, verdict)
         return verdict
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rows(  # pragma: no cover - compiled
-    design: Design, memory: Memory, work: Work, first: int, told: Array, v: Array,
+    design: Design, memory: Memory, work: Work, k: int, row: int, told: Array, v: Array,
     said: Judgement, verdict: Verdict,
 ) -> None:  # fmt: skip
-    for row in range(told.shape[0]):
+    for j in range(told.shape[0]):
         fuzzy_block(
-            design, memory, work, first + row, told[row], v[row], said.identifiable[row], said.mu[row, 0],
-            said.mu[row, 2], verdict, row,
+            design, memory, work, k + j, told[j], v[j], said.identifiable[row + j], said.mu[row + j, 0],
+            said.mu[row + j, 2], verdict, row + j,
         )  # fmt: skip

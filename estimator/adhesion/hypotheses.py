@@ -103,6 +103,11 @@ class Hypothesis:
         return how if self.friction[0] == 0.0 else f"{how} friction {self.friction[0]:+g} sd"
 
     @property
+    def kind(self) -> Hypothesis:
+        """The same with the usual patch and all of the friction."""
+        return replace(self, patch=1.0, friction=_ALL_FRICTION)
+
+    @property
     def past_peak(self) -> bool:
         """Whether the creep is held past the peak, where the size of the patch does not show."""
         return self.branch == "held" and self.creep > 1.0
@@ -141,7 +146,7 @@ def kinds(hypotheses: Sequence[Hypothesis]) -> tuple[int, ...]:
 
     First is that of the patch nearest to 1 with the friction nearest to that of the condition.
     """
-    return _first_alike(hypotheses, [replace(h, patch=1.0, friction=_ALL_FRICTION) for h in hypotheses])
+    return _first_alike(hypotheses, [h.kind for h in hypotheses])
 
 
 def stand_ins(hypotheses: Sequence[Hypothesis]) -> tuple[int, ...]:
@@ -149,9 +154,8 @@ def stand_ins(hypotheses: Sequence[Hypothesis]) -> tuple[int, ...]:
 
     It is the first of its kind; past the peak the driven one of the same rail, if there is one.
     """
-    rails = [replace(h, patch=1.0, friction=_ALL_FRICTION) for h in hypotheses]
-    driven = [replace(h, branch="driven", creep=0.0) if h.past_peak else h for h in rails]
-    return _first_alike(hypotheses, driven)
+    rails = [replace(h.kind, branch="driven", creep=0.0) if h.past_peak else h.kind for h in hypotheses]
+    return _first_alike(hypotheses, rails)
 
 
 def _first_alike(hypotheses: Sequence[Hypothesis], alike: Sequence[Hypothesis]) -> tuple[int, ...]:

@@ -9,16 +9,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import N_TOLD, end_block, take_sample
-from estimator.adhesion.evidence import Judgement, judge
+from estimator.adhesion.block import N_TOLD, awake, end_block, take_sample
+from estimator.adhesion.evidence import weigh
+from estimator.adhesion.judgement import describe
 from estimator.adhesion.motion import N_X
 from estimator.adhesion.renewal import renew, speak_for_the_sleeping
 
 if TYPE_CHECKING:
     from estimator.adhesion.block import Design, Memory
     from estimator.adhesion.evidence import Belief, Rules
+    from estimator.adhesion.judgement import Judgement
 
-__all__ = ["Work", "bank_step", "judge_blocks", "new_judgement", "new_work", "rate_of"]
+__all__ = ["Work", "bank_step", "new_work", "rate_of"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -70,42 +72,22 @@ def bank_step(  # pragma: no cover - compiled
     v, v_dot = abs(speed), rate_of(work.speed, design.h, memory.speed, k == 0)[0]
     n = design.held.shape[0]
     for i in range(n):
-        if memory.voice[i] == i:
+        if awake(memory, i):
             take_sample(design, memory, i, k == 0, v, v_dot, torque, z, usable, work.filter)
     if (k + 1) % design.block != 0:
         return False
     for i in range(n):
-        if memory.voice[i] == i:
+        if awake(memory, i):
             end_block(design, memory, i, v, torque, work.told[i])
-    speak_for_the_sleeping(design, memory, work.told.reshape((1, n, N_TOLD)))
+    speak_for_the_sleeping(rules, memory, work.told.reshape((1, n, N_TOLD)))
     block = (k + 1) // design.block - 1
-    judge(rules, belief, block, work.told, v, work.log_l, work.peaks, said, 0)
+    weigh(rules, belief, block, work.told, work.log_l, said, 0)
+    describe(rules, work.told, v, work.peaks, said, 0)
     if rules.renewal > 0 and (block + 1) % rules.renewal == 0:
-        renew(design, memory, belief, v, torque)
+        renew(design, rules, memory, belief, v, torque)
     return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def judge_blocks(  # pragma: no cover - compiled
-    rules: Rules, belief: Belief, told: Array, v: Array, work: Work, said: Judgement, since: int, until: int
-) -> None:
-    """Judge the blocks from `since` to before `until`, told (rows, n, 14), at the speeds v (rows,)."""
-    for k in range(since, until):
-        judge(rules, belief, k, told[k], v[k], work.log_l, work.peaks, said, k)
 
 
 def new_work(n: int) -> Work:
     """Return room for a step of n filters."""
     return Work(np.zeros(1), np.zeros((5, 4, N_X)), np.zeros((n, N_TOLD)), np.zeros(n + 1), np.zeros((n, 2)))
-
-
-def new_judgement(rows: int, n: int, conditions: int) -> Judgement:
-    """Return room for what is said in that many rows."""
-    return Judgement(
-        np.zeros((rows, 3)),
-        np.zeros((rows, conditions)),
-        np.zeros((rows, n)),
-        np.zeros(rows),
-        np.zeros((rows, 4)),
-        np.zeros(rows, dtype=np.bool_),
-    )

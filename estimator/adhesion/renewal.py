@@ -27,12 +27,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.adhesion.block import LOOKED, NOBODY, STAND_IN, begin_filter, one
+from estimator.adhesion.block import LOOKED, NOBODY, STAND_IN, awake, begin_filter, one
 from estimator.adhesion.motion import L_L, L_R, N_X, S, linearise
 
 if TYPE_CHECKING:
     from estimator.adhesion.block import Design, Memory
-    from estimator.adhesion.evidence import Belief
+    from estimator.adhesion.evidence import Belief, Rules
 
 __all__ = ["renew", "speak_for_the_sleeping"]
 
@@ -78,60 +78,66 @@ def _best_awake(memory: Memory, belief: Belief, n: int) -> int:  # pragma: no co
     """Return the most probable of the hypotheses whose filter is awake."""
     best = -1
     for i in range(n):
-        if memory.voice[i] == i and (best < 0 or belief.p[i] > belief.p[best]):
+        if awake(memory, i) and (best < 0 or belief.p[i] > belief.p[best]):
             best = i
     return best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def renew(  # pragma: no cover - compiled
-    design: Design, memory: Memory, belief: Belief, v: float, torque: float
-) -> None:
-    """Let all filters begin again whose hypotheses have no chance and have lost since the last renewal.
+def _has_chance(belief: Belief, i: int, best: int) -> bool:  # pragma: no cover - compiled
+    """Return whether hypothesis `i` may be the one."""
+    return bool(belief.p[i] >= _CHANCE * belief.p[best])
 
-    Then choose who sleeps until the next one.
-    """
-    n = design.held.shape[0]
-    best = _best_awake(memory, belief, n)
-    for i in range(n):
-        hopeless = belief.p[i] < _CHANCE * belief.p[best]
-        if hopeless and belief.gained[i] < belief.gained[best] and memory.voice[i] == i:
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_hopeless(belief: Belief, i: int, best: int) -> bool:  # pragma: no cover - compiled
+    """Return whether hypothesis `i` has no chance, and has lost more of it since the last renewal."""
+    return bool(not _has_chance(belief, i, best) and belief.gained[i] < belief.gained[best])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def renew(  # pragma: no cover - compiled
+    design: Design, rules: Rules, memory: Memory, belief: Belief, v: float, torque: float
+) -> None:
+    """Let all filters begin again whose hypotheses are hopeless, or send them to sleep if they may."""
+    best = _best_awake(memory, belief, rules.stand_in.shape[0])
+    for i in rules.always:
+        if _is_hopeless(belief, i, best):
             _take_over(design, memory, i, best, v, torque)
-    for i in design.in_turn:
-        _wake_or_sleep(design, memory, belief, i, best, v, torque)
-    _try_in_turn(design, memory, belief, best, v, torque)
+    for i in rules.in_turn:
+        _wake_or_sleep(design, rules, memory, belief, i, best, v, torque)
+    _try_in_turn(design, rules, memory, belief, best, v, torque)
     belief.gained[:] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _wake_or_sleep(  # pragma: no cover - compiled
-    design: Design, memory: Memory, belief: Belief, i: int, best: int, v: float, torque: float
+    design: Design, rules: Rules, memory: Memory, belief: Belief, i: int, best: int, v: float, torque: float
 ) -> None:
     """Choose whether filter `i` is awake until the next renewal, by its chance."""
-    has_chance = belief.p[i] >= _CHANCE * belief.p[best]
-    chosen = design.stand_in[i]
-    if memory.voice[i] == i:
-        if not has_chance and belief.gained[i] < belief.gained[best]:
+    chosen = rules.stand_in[i]
+    if awake(memory, i):
+        if _is_hopeless(belief, i, best):
             memory.voice[i] = best if chosen == i else chosen
     elif chosen == i:
         memory.voice[i] = best
-    elif has_chance:
-        _take_over(design, memory, i, best if design.stand_in[best] == chosen else chosen, v, torque)
+    elif _has_chance(belief, i, best):
+        _take_over(design, memory, i, best if rules.stand_in[best] == chosen else chosen, v, torque)
         memory.voice[i] = i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _try_in_turn(  # pragma: no cover - compiled
-    design: Design, memory: Memory, belief: Belief, best: int, v: float, torque: float
+    design: Design, rules: Rules, memory: Memory, belief: Belief, best: int, v: float, torque: float
 ) -> None:
     """Wake the next of those that sleep, and that nobody has looked at or whose rail has a chance."""
-    n, woken = design.in_turn.shape[0], 0
+    n, woken = rules.in_turn.shape[0], 0
     for _ in range(n):
-        i = design.in_turn[memory.turn[0] % n]
+        i = rules.in_turn[memory.turn[0] % n]
         memory.turn[0] += 1
-        chosen = design.stand_in[i]
-        worth = chosen == i or belief.p[chosen] >= _CHANCE * belief.p[best] or chosen == design.stand_in[best]
-        if memory.voice[i] != i and worth:
+        chosen = rules.stand_in[i]
+        worth = chosen == i or _has_chance(belief, chosen, best) or chosen == rules.stand_in[best]
+        if not awake(memory, i) and worth:
             _take_over(design, memory, i, best, v, torque)
             memory.voice[i] = i
             woken += 1
@@ -141,10 +147,10 @@ def _try_in_turn(  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def speak_for_the_sleeping(  # pragma: no cover - compiled
-    design: Design, memory: Memory, told: Array
+    rules: Rules, memory: Memory, told: Array
 ) -> None:
     """Write what the sleeping filters tell of blocks, told (blocks, n, 14): what those do that stand in."""
-    for i in range(design.held.shape[0]):
-        if memory.voice[i] != i:
+    for i in range(rules.stand_in.shape[0]):
+        if not awake(memory, i):
             told[:, i] = told[:, memory.voice[i]]
-            told[:, i, LOOKED] = STAND_IN if memory.voice[i] == design.stand_in[i] else NOBODY
+            told[:, i, LOOKED] = STAND_IN if memory.voice[i] == rules.stand_in[i] else NOBODY

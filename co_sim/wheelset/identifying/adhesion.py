@@ -41,7 +41,8 @@ def run_adhesion_bank(log: Log, settings: Settings) -> Answer:
         If the rows are not a multiple of the bank's blocks of 10 ms apart, or the bank refuses the vehicle.
     """
     from estimator import SensorNoise
-    from estimator.adhesion.bank import BLOCK, AdhesionBank
+    from estimator.adhesion.assumptions import BLOCK
+    from estimator.adhesion.bank import AdhesionBank
 
     blocks = round(settings.every / BLOCK)
     if blocks < 1 or abs(settings.every - blocks * BLOCK) > 1e-6:
@@ -60,9 +61,7 @@ def run_adhesion_bank(log: Log, settings: Settings) -> Answer:
             noise=SensorNoise(*settings.noise),
             track=ERRI_B176[settings.track],
             h=fine.h,
-            bias=settings.vehicle.bias,
-            patches=settings.vehicle.patches,
-            unlike=settings.vehicle.unlike_rails,
+            unknown=settings.vehicle.unknown,
         )
         answer = answer_of(bank.run(fine, every=settings.every), log)
     except ValueError as error:  # such as a creep curve of the user's own that has no maximum

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -86,19 +87,16 @@ def _track(trial: Trial) -> str:
 
 def _adhesion(recording: Recording, trial: Trial, window: float | None) -> Answer:
     from estimator import SensorNoise
-    from estimator.adhesion import AdhesionBank
-    from estimator.adhesion.bank import BIAS, PATCHES
+    from estimator.adhesion import AdhesionBank, Unknowns
 
     log = _log(recording, trial.speed_error, trial.torque_error)
-    usual = trial.unknown == "usual"
+    only_friction = replace(Unknowns.none(), friction=Unknowns.friction)
     bank = AdhesionBank(
         noise=SensorNoise(*_noise(trial)),
         track=ERRI_B176[_track(trial)],
         h=log.h,
         window=window,
-        bias=BIAS if usual else (0.0, 0.0),
-        patches=PATCHES if usual else (1.0,),
-        unlike=usual,
+        unknown=Unknowns() if trial.unknown == "usual" else only_friction,
     )
     return answer_of(bank.run(log, workers=1), log)
 
@@ -117,7 +115,7 @@ def _as_they_are(recording: Recording, trial: Trial) -> tuple[Log, SensorNoise]:
 
 def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
     """Return what can be said by one who knows the plant as it is."""
-    from estimator.adhesion import AdhesionBank
+    from estimator.adhesion import AdhesionBank, Unknowns
 
     log, noise = _as_they_are(recording, trial)
     bank = AdhesionBank(
@@ -127,10 +125,7 @@ def _matched(recording: Recording, trial: Trial, window: float) -> Answer:
         h=log.h,
         # After a drop a window would hold the old rail as well.
         window=None if trial.manoeuvre == "drop" else window,
-        friction=0.0,
-        bias=(0.0, 0.0),
-        patches=(1.0,),
-        unlike=False,
+        unknown=Unknowns.none(),
         conditions=trial.conditions,
     )
     return answer_of(bank.run(log, workers=1), log)

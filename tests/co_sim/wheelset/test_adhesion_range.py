@@ -9,8 +9,7 @@ import pytest
 
 from co_sim.wheelset.recordings import Journey, Profile, Stretch, record
 from estimator import CreepCurve
-from estimator.adhesion import AdhesionBank
-from estimator.adhesion.bank import BIAS
+from estimator.adhesion import AdhesionBank, Unknowns
 from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE
 from estimator.log import Log
 from fmu_wheelset import CONDITIONS, WheelsetParameters
@@ -39,13 +38,13 @@ def torque_for(condition: str, v: float, share: float) -> float:
     return 2.0 * W.r0 * W.N * share * CreepCurve(CONDITIONS[condition], v).peak_adhesion
 
 
-def drive(bias: tuple[float, float] = BIAS, **journey: Any) -> Drive:
+def drive(bias: tuple[float, float] = Unknowns.bias, **journey: Any) -> Drive:
     said = record(Journey(**journey))
     assert said.stopped is None
     assert np.abs(said.truth["relative_displacement"]).max() < 8e-3
     names = ("time", "yaw_rate", "lateral_acceleration", "speed", "traction_torque")
     log = Log(**{name: getattr(said, name) for name in names})
-    bank = AdhesionBank(bias=bias)
+    bank = AdhesionBank(unknown=Unknowns(bias=bias))
     found = bank.run(log)
     for values in (found.p_hypothesis, found.p_region, found.mu_max_low, found.mu_max_high, found.mu_used):
         assert np.isfinite(values).all()

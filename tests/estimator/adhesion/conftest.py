@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from estimator.adhesion import AdhesionBank
+from estimator.adhesion import AdhesionBank, Unknowns
 from estimator.adhesion.block import new_memory, take_sample
 from estimator.contact import CreepCurve
 from estimator.log import Log
@@ -36,8 +36,8 @@ WHEELSET = replace(
 BOTH = np.ones(2, dtype=np.bool_)
 
 
-def bank(**options: object) -> AdhesionBank:
-    return AdhesionBank(WHEELSET, bias=(1e-3, 1e-2), **options)  # type: ignore[arg-type]
+def bank(**unknown: float) -> AdhesionBank:
+    return AdhesionBank(WHEELSET, unknown=Unknowns(bias=(1e-3, 1e-2), **unknown))  # type: ignore[arg-type]
 
 
 def compiled(design: Design, z: Array, usable: NDArray[np.bool_] | None = None, v_dot: float = 0.0) -> Memory:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from estimator import SensorNoise
-from estimator.adhesion import AdhesionBank, AdhesionIdentification, Hypothesis, new_judgement
-from estimator.adhesion.online import judge_blocks, new_work
+from estimator.adhesion import AdhesionBank, AdhesionIdentification, Hypothesis, Unknowns, new_judgement
+from estimator.adhesion.evidence import new_belief
+from estimator.adhesion.log_run import weigh_blocks
 from estimator.log import Log
 from fmu_wheelset.parameters import CONDITIONS
 
@@ -118,10 +119,7 @@ def test_windowed_evidence_forgets(log: Log) -> None:
     told, whole = bank.look_at(log, hypotheses)
     rows, rules = len(told) - 100, bank.rules(hypotheses)
     late = new_judgement(rows, len(hypotheses), len(bank.conditions))
-    judge_blocks(
-        rules, bank.new_belief(rules), told[100:].copy(), np.full(rows, log.speed[0]),
-        new_work(len(hypotheses)), late, 0, rows,
-    )  # fmt: skip
+    weigh_blocks(rules, new_belief(rules), told[100:], np.empty(len(hypotheses) + 1), late, 0)
     assert late.p_hypothesis[60:] == pytest.approx(whole.p_hypothesis[160:], rel=1e-3, abs=1e-6)
 
 
@@ -208,7 +206,7 @@ def test_data_that_fit_nothing_leave_probabilities_that_sum_to_one() -> None:
         speed=np.full(T, 20.0),
         traction_torque=np.full(T, 2e4),
     )
-    found = AdhesionBank(friction=0.0, window=0.5).run(log)
+    found = AdhesionBank(unknown=Unknowns(friction=0.0), window=0.5).run(log)
     assert found.p_none[-1] > 0.99
     for p in (found.p_region, found.p_condition):
         np.testing.assert_allclose(p.sum(axis=1), 1.0, atol=1e-9)

@@ -8,9 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from estimator.adhesion import AdhesionBank, Hypothesis
-from estimator.adhesion.block import LOST, N_TOLD, begin_filter, new_memory, run_filter, take_sample
-from estimator.adhesion.ekf import COUNT, LOG_L
+from estimator.adhesion import AdhesionBank, Hypothesis, Unknowns
+from estimator.adhesion.block import (
+    LOST,
+    N_TOLD,
+    begin_filter,
+    end_block,
+    new_memory,
+    run_filter,
+    take_sample,
+)
+from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE
 from estimator.adhesion.motion import L_L, R, U, Y
 from fmu_wheelset.parameters import CONDITIONS, WheelsetParameters
 
@@ -85,6 +93,23 @@ def blocks(hypotheses: list[Hypothesis], z: Array) -> tuple[Array, Memory]:
     return rows, memory
 
 
+@pytest.mark.parametrize("count", [1, 2, 8, 20, 200])
+def test_whose_model_holds_is_not_lost_however_few_samples_a_block_has(count: int) -> None:
+    # At 100 Hz a block has two squares, and the mean of a few blocks is beyond any bound by chance.
+    design, memory, row = bank().design([Hypothesis("dry")]), new_memory(1), np.zeros(N_TOLD)
+    begin_filter(design, memory, 0, V, TORQUE)
+    squares = np.random.default_rng(count).chisquare(count, size=5000)
+    lost = []
+    for square in (*squares, *(2.0 * squares)):
+        memory.told[0, [SQUARE, COUNT]] = square, count
+        end_block(design, memory, 0, V, TORQUE, row)
+        lost.append(row[LOST])
+    assert not any(lost[:5000])
+    # Twice as loud, it is: within some hundred squares, but not before a few blocks.
+    first = lost.index(1.0) - 5000
+    assert 3 <= first < max(400 / count, 20)
+
+
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_fast_states_keep_up_with_the_slow_ones(condition: str) -> None:
     # At 1 m/s the creep forces carry the wheelset along its yaw angle within microseconds: let alone it runs
@@ -117,7 +142,7 @@ def test_without_torque_a_filter_starts_without_creep(branch: str) -> None:
 def test_braking_mirrors_driving(z: Array) -> None:
     # Creep, force and torque change sign with the direction of the torque; left and right change places.
     wheelset = replace(WHEELSET, delta_r=0.0, I_L=100.0, I_R=100.0)
-    design = AdhesionBank(wheelset, bias=(1e-3, 1e-2)).design([Hypothesis("low")])
+    design = AdhesionBank(wheelset, unknown=Unknowns(bias=(1e-3, 1e-2))).design([Hypothesis("low")])
     sign = np.array([-1, -1, -1, -1, -1, -1, -1, -1, -1, 1, -1, -1])
     there, back = new_memory(1), new_memory(1)
     work = np.zeros((5, 4, 12))

@@ -171,7 +171,7 @@ def test_degrees_are_those_of_scikit_fuzzy(situation: tuple[Array, Array, Array]
 def test_friction_of_another_condition_is_held_against_a_filter(deviations: float) -> None:
     """By the logarithm of its prior density, in nats: 12.5 at five standard deviations."""
     told = told_of(np.ones((1, N)), np.where(OWN <= 1, 0.0, 2.0)[None])
-    told[0, OWN == 1, FRICTION] = deviations * BANK.friction
+    told[0, OWN == 1, FRICTION] = deviations * BANK.assumed.unknown.friction
     rival = max(1.0 - 0.5 * deviations**2 / 10.0, 0.0)
     expected = [centroid(1.0, rival), centroid(rival, 1.0), 0.1, 0.1]
     assert verdict_of(told).condition[0] == pytest.approx(expected, abs=GRID)
@@ -228,7 +228,7 @@ def test_the_best_of_a_kind_speaks_for_it(chosen: int) -> None:
     residuals[: len(variants)] = 3.0
     residuals[chosen] = 1.05
     told = told_of(residuals[None], np.zeros((1, len(hypotheses))))
-    told[0, :, FRICTION] = [BANK.friction * h.friction[0] for h in hypotheses]
+    told[0, :, FRICTION] = [BANK.assumed.unknown.friction * h.friction[0] for h in hypotheses]
     kinds = sorted(set(stand_ins(hypotheses)))
     places = [chosen if i in range(9) else i for i in kinds]
     alone = told[:, places].copy()

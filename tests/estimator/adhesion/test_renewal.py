@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.adhesion import AdhesionBank, Hypothesis
-from estimator.adhesion.bank import PATCHES
+from estimator.adhesion import AdhesionBank, Hypothesis, Unknowns
 from estimator.adhesion.block import FRICTION, LOOKED, LOST, N_TOLD, NOBODY, STAND_IN, VAR_FRICTION
 from estimator.adhesion.creep_law import creep_force, patch_row, rail_row
+from estimator.adhesion.evidence import new_belief
 from estimator.adhesion.hypotheses import (
     FRICTIONS,
     rail_of,
@@ -21,8 +21,9 @@ from estimator.adhesion.hypotheses import (
     with_torque,
     without_torque,
 )
+from estimator.adhesion.judgement import new_judgement
+from estimator.adhesion.log_run import weigh_blocks
 from estimator.adhesion.motion import L_L, L_R, N_X, THETA, S
-from estimator.adhesion.online import judge_blocks, new_judgement, new_work
 from estimator.adhesion.renewal import renew, speak_for_the_sleeping
 from fmu_wheelset.parameters import CONDITIONS, ContactPatch
 
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimator.adhesion.block import Design, Memory
-    from estimator.adhesion.evidence import Belief
+    from estimator.adhesion.evidence import Belief, Rules
     from estimator.log import Log
 
     Array = NDArray[np.float64]
@@ -43,10 +44,11 @@ HYPOTHESES = (
     Hypothesis("dry"),
     Hypothesis("low"),
     Hypothesis("wet"),
-    Hypothesis("low", "held", 1.7),
-    Hypothesis("very_low"),
+    Hypothesis("very_low", "held", 1.7),
+    Hypothesis("dry", patch=1.07),
 )
 DRY, LOW, WET, HELD, HOPEFUL = range(5)
+PATCHES = Unknowns().patches
 
 
 @pytest.fixture
@@ -54,10 +56,10 @@ def renewed(z: Array) -> tuple[Memory, Memory, Belief]:
     """Filters before and after a renewal: dry leads, wet has a chance, the last one is gaining."""
     design, rules = bank().design(HYPOTHESES), bank().rules(HYPOTHESES)
     before, after = compiled(design, z), compiled(design, z)
-    belief = bank().new_belief(rules)
+    belief = new_belief(rules)
     belief.p[:] = [0.98, 1e-6, 0.01, 1e-6, 1e-6, 1e-6]
     belief.gained[:] = [-1.0, -30.0, -30.0, -30.0, 0.0]
-    renew(design, after, belief, V, TORQUE)
+    renew(design, rules, after, belief, V, TORQUE)
     return before, after, belief
 
 
@@ -72,7 +74,7 @@ def test_the_hopeless_begin_where_the_best_filter_sees_the_wheelset(
         assert np.array_equal(x[taken], best_x[taken])
         assert np.array_equal(C[np.ix_(taken, taken)], best_C[np.ix_(taken, taken)])
         assert x[S] == 0.0
-        assert C[S, S] == pytest.approx(bank().friction ** 2)
+        assert C[S, S] == pytest.approx(bank().assumed.unknown.friction ** 2)
         assert not C[np.ix_(taken, sorted(own))].any()
         assert np.linalg.eigvalsh(C / np.sqrt(np.outer(np.diag(C), np.diag(C)))).min() > -1e-9
         assert np.array_equal(after.filters.x0[i], x)
@@ -96,9 +98,9 @@ def test_friction_does_not_move_before_a_filter_has_settled(drive: object) -> No
     told = with_prior.look_at(log, with_prior.hypotheses())[0][:, 0]
     lost = np.flatnonzero(told[:, LOST])
     settled = 19 if lost.size == 0 else 20 + int(lost[-1])
-    assert np.abs(told[:19, FRICTION]).max() < 0.4 * with_prior.friction
-    assert np.sqrt(told[:19, VAR_FRICTION]).max() < 0.7 * with_prior.friction
-    assert np.sqrt(told[settled + 1, VAR_FRICTION]) > 0.7 * with_prior.friction
+    assert np.abs(told[:19, FRICTION]).max() < 0.4 * with_prior.assumed.unknown.friction
+    assert np.sqrt(told[:19, VAR_FRICTION]).max() < 0.7 * with_prior.assumed.unknown.friction
+    assert np.sqrt(told[settled + 1, VAR_FRICTION]) > 0.7 * with_prior.assumed.unknown.friction
 
 
 # Sleep -----------------------------------------------------------------------------------------------
@@ -122,7 +124,7 @@ def test_the_usual_patch_and_friction_stand_in_whatever_the_order(order: list[in
 
 def believing(likely: Sequence[int]) -> Belief:
     """Return a belief in some of the hypotheses alone."""
-    belief = bank().new_belief(bank().rules(MANY))
+    belief = new_belief(bank().rules(MANY))
     belief.p[:] = 1e-9
     belief.p[list(likely)] = 1.0 / len(likely)
     belief.gained[:] = -10.0
@@ -131,15 +133,15 @@ def believing(likely: Sequence[int]) -> Belief:
 
 
 @pytest.fixture
-def many(z: Array) -> tuple[Design, Memory]:
-    design = bank().design(MANY)
-    return design, compiled(design, z[:30])
+def many(z: Array) -> tuple[Design, Rules, Memory]:
+    design, rules = bank().design(MANY), bank().rules(MANY)
+    return design, rules, compiled(design, z[:30])
 
 
-def test_who_has_no_chance_sleeps_but_for_one_of_each_rail(many: tuple[Design, Memory]) -> None:
-    design, memory = many
+def test_who_has_no_chance_sleeps_but_for_one_of_each_rail(many: tuple[Design, Rules, Memory]) -> None:
+    design, rules, memory = many
     dry = MANY.index(Hypothesis("dry", patch=PATCHES[0], friction=FRICTIONS[1]))
-    renew(design, memory, believing([dry]), V, TORQUE)
+    renew(design, rules, memory, believing([dry]), V, TORQUE)
     asleep = memory.voice != PLACES
     always = np.setdiff1d(RAILS, UNLIKE)
     assert not asleep[[dry, *always]].any()
@@ -151,37 +153,37 @@ def test_who_has_no_chance_sleeps_but_for_one_of_each_rail(many: tuple[Design, M
         assert memory.voice[i] == (dry if MANY[i].unlike else RAILS[i])
     told = np.random.default_rng(1).standard_normal((3, len(MANY), N_TOLD))
     before = told.copy()
-    speak_for_the_sleeping(design, memory, told)
+    speak_for_the_sleeping(rules, memory, told)
     assert np.array_equal(told[:, ~asleep], before[:, ~asleep])
     assert np.array_equal(told[:, asleep, :LOOKED], before[:, memory.voice[asleep], :LOOKED])
     looked = np.where(np.isin(PLACES[asleep], UNLIKE), NOBODY, STAND_IN)
     assert np.array_equal(told[:, asleep, LOOKED], np.tile(looked, (3, 1)))
 
 
-def test_who_wakes_begins_where_its_rail_sees_the_wheelset(many: tuple[Design, Memory]) -> None:
-    design, memory = many
+def test_who_wakes_begins_where_its_rail_sees_the_wheelset(many: tuple[Design, Rules, Memory]) -> None:
+    design, rules, memory = many
     dry = MANY.index(Hypothesis("dry", friction=FRICTIONS[0]))
     low = MANY.index(Hypothesis("low", friction=FRICTIONS[0]))
     of_low = [i for i in PLACES if RAILS[i] == low and i != low]
-    renew(design, memory, believing([dry]), V, TORQUE)
+    renew(design, rules, memory, believing([dry]), V, TORQUE)
     assert (memory.voice[of_low] == low).all()
-    renew(design, memory, believing([dry, low, *of_low]), V, TORQUE)
+    renew(design, rules, memory, believing([dry, low, *of_low]), V, TORQUE)
     others = [j for j in range(N_X) if j not in {S, L_L, L_R}]
     for i in of_low:
         x, C = memory.filters.x[i], memory.filters.C[i]
         assert memory.voice[i] == i
         assert np.array_equal(x[others], memory.filters.x[low, others])
-        assert x[S] == pytest.approx(bank().friction * MANY[i].friction[0])
-        assert C[S, S] == pytest.approx((bank().friction * MANY[i].friction[1]) ** 2)
+        assert x[S] == pytest.approx(bank().assumed.unknown.friction * MANY[i].friction[0])
+        assert C[S, S] == pytest.approx((bank().assumed.unknown.friction * MANY[i].friction[1]) ** 2)
 
 
-def test_all_that_is_worth_it_is_tried_in_turn(many: tuple[Design, Memory]) -> None:
-    design, memory = many
+def test_all_that_is_worth_it_is_tried_in_turn(many: tuple[Design, Rules, Memory]) -> None:
+    design, rules, memory = many
     dry = MANY.index(Hypothesis("dry", friction=FRICTIONS[0]))
     worth = sorted({*UNLIKE, *PLACES[(dry == RAILS)]} - {dry})
     tried: list[int] = []
     for _ in range(len(worth) // 3):
-        renew(design, memory, believing([dry]), V, TORQUE)
+        renew(design, rules, memory, believing([dry]), V, TORQUE)
         awake = [i for i in worth if memory.voice[i] == i]
         assert len(awake) == 3
         for i in awake:
@@ -194,21 +196,23 @@ def test_all_that_is_worth_it_is_tried_in_turn(many: tuple[Design, Memory]) -> N
     chosen = tried[-1]
     kept = memory.filters.x[chosen].copy()
     for _ in range(3):
-        renew(design, memory, believing([dry, chosen]), V, TORQUE)
+        renew(design, rules, memory, believing([dry, chosen]), V, TORQUE)
         assert memory.voice[chosen] == chosen
         assert np.array_equal(memory.filters.x[chosen], kept)
 
 
-def test_what_nobody_looks_at_becomes_neither_likelier_nor_less_likely(many: tuple[Design, Memory]) -> None:
+def test_what_nobody_looks_at_becomes_neither_likelier_nor_less_likely(
+    many: tuple[Design, Rules, Memory],
+) -> None:
     """But for the rail that may change at any time, which is left out here."""
-    design, memory = many
+    design, rules, memory = many
     dry = MANY.index(Hypothesis("dry", friction=FRICTIONS[0]))
-    renew(design, memory, believing([dry]), V, TORQUE)
-    rules = bank().rules(MANY)._replace(change=0.0)
-    belief, said = bank().new_belief(rules), new_judgement(4, len(MANY), len(CONDITIONS))
+    renew(design, rules, memory, believing([dry]), V, TORQUE)
+    rules = rules._replace(change=0.0)
+    belief, said = new_belief(rules), new_judgement(4, len(MANY), len(CONDITIONS))
     told = np.abs(np.random.default_rng(2).standard_normal((4, len(MANY), N_TOLD)))
-    speak_for_the_sleeping(design, memory, told)
-    judge_blocks(rules, belief, told, np.full(4, V), new_work(len(MANY)), said, 0, 4)
+    speak_for_the_sleeping(rules, memory, told)
+    weigh_blocks(rules, belief, told, np.empty(len(MANY) + 1), said, 0)
     for i in UNLIKE[memory.voice[UNLIKE] == dry]:
         assert belief.p[i] / belief.p[dry] == pytest.approx(rules.prior[i] / rules.prior[dry])
         # Nor is anything learned of whether it could be told from another.
@@ -234,7 +238,10 @@ def test_a_larger_patch_is_a_rail_with_larger_reductions(
 def test_sizes_of_the_patch_share_the_prior_of_their_hypothesis(usual: object) -> None:
     few, many = usual(CONDITIONS), usual(CONDITIONS, PATCHES)  # type: ignore[operator]
     assert len({h.name for h in many}) == len(many)
-    one, all_sizes = AdhesionBank(patches=(1.0,)).rules(few).prior, AdhesionBank().rules(many).prior
+    one, all_sizes = (
+        AdhesionBank(unknown=Unknowns(patches=(1.0,))).rules(few).prior,
+        AdhesionBank().rules(many).prior,
+    )
     for h, p in zip(few, one[:-1], strict=True):
         alike = [
             q
@@ -261,6 +268,10 @@ def test_refuses_a_patch_of_no_size() -> None:
         Hypothesis("dry", patch=0.0)
 
 
-def test_refuses_no_patch_at_all() -> None:
+def test_refuses_unknowns_that_are_none() -> None:
     with pytest.raises(ValueError, match="got no sizes of the contact patch"):
-        AdhesionBank(patches=())
+        Unknowns(patches=())
+    with pytest.raises(ValueError, match="got -0.1 as standard deviation of the friction, expected a finite"):
+        Unknowns(friction=-0.1)
+    with pytest.raises(ValueError, match="got nan as standard deviation of the bias"):
+        Unknowns(bias=(0.0, float("nan")))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from estimator import ERRI_B176, CreepCurve, Disturbances, coloured_filter, coloured_model
-from estimator.adhesion import AdhesionBank, Hypothesis
+from estimator.adhesion import AdhesionBank, Hypothesis, Unknowns
 from estimator.adhesion.block import begin_filter, new_memory, take_sample
 from estimator.adhesion.ekf import COUNT, E_ACC, E_YAW, LOG_L, S_ACC, S_YAW
 from estimator.adhesion.motion import STATES, linearise
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 V, CONDITION, TRACK = 40.0, "low", ERRI_B176["erri_low"]
-NO_BIAS = (0.0, 0.0)
+NO_BIAS = Unknowns(bias=(0.0, 0.0))
 W = WheelsetParameters()
 CURVE = CreepCurve(CONDITIONS[CONDITION], V)
 I = {name: i for i, name in enumerate(STATES)}  # noqa: E741
@@ -72,7 +72,7 @@ def extended(
     hypothesis: Hypothesis, torque: float, z: Array, h: float, amplitude: float, start: Array
 ) -> Said:
     """Run the extended filter over z (T, 2), made small."""
-    design = small(AdhesionBank(W, h=h, bias=NO_BIAS).design([hypothesis]), amplitude)
+    design = small(AdhesionBank(W, h=h, unknown=NO_BIAS).design([hypothesis]), amplitude)
     memory, work = new_memory(1), np.zeros((5, 4, 12))
     begin_filter(design, memory, 0, V, torque)
     f = memory.filters
@@ -140,7 +140,7 @@ def of_held(creep: float) -> tuple[Linear, Array]:
     start = start_of(("u", "r", "psi", "y", "p", "q"))
     model = coloured_model(point_at(CURVE, "", creep), W, TRACK)
     to = over_states(tuple(model.state_labels))
-    design = AdhesionBank(W, bias=NO_BIAS).design([Hypothesis(CONDITION)])
+    design = AdhesionBank(W, unknown=NO_BIAS).design([Hypothesis(CONDITION)])
     G = np.asarray(model.B) * np.sqrt([1.0, design.noise.W_u, design.noise.W_r])
     return Linear(np.asarray(model.A), G, np.asarray(model.C), to @ start @ to.T), start
 
@@ -163,7 +163,7 @@ def of_driven(creep: float) -> tuple[Linear, Array]:
     A[I["theta"]] = V / r0 * (l_R - l_L)
     A[I["p"]] = -a * p
     A[I["q"]] = p - slow * q
-    noise = AdhesionBank(W, bias=NO_BIAS).design([Hypothesis(CONDITION)]).noise
+    noise = AdhesionBank(W, unknown=NO_BIAS).design([Hypothesis(CONDITION)]).noise
     push = math.sqrt(noise.W_torque) * r0 / (V * (W.I_L + W.I_R))
     G = np.column_stack(
         [
@@ -191,7 +191,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Hypothesis, float, Linear, Arr
         used = drive * CURVE.peak_adhesion
         return hypothesis, 2.0 * W.r0 * W.N * used, *model(CURVE.creep_at(used))
     # The bank reads the creep of the peak from its table.
-    design, memory = AdhesionBank(W, bias=NO_BIAS).design([hypothesis]), new_memory(1)
+    design, memory = AdhesionBank(W, unknown=NO_BIAS).design([hypothesis]), new_memory(1)
     begin_filter(design, memory, 0, V, drive)
     started = memory.filters.x[0, I["l_L"]]
     assert started == pytest.approx(creep * CURVE.peak_creep, rel=1e-3)
@@ -234,7 +234,7 @@ def test_covariance_of_the_coloured_filter_stays() -> None:
     # The filter that the package makes for this creep, by another equation: that of Riccati.
     hypothesis, torque, _, creep = CASES["held"]
     h = 5e-4
-    noise = AdhesionBank(W, bias=NO_BIAS).design([hypothesis]).noise
+    noise = AdhesionBank(W, unknown=NO_BIAS).design([hypothesis]).noise
     disturbances = Disturbances(TRACK, acceleration=noise.W_u, lever=math.sqrt(noise.W_u / noise.W_r))
     steady = coloured_filter(point_at(CURVE, "", float(creep or 0.0) * CURVE.peak_creep), W, disturbances, h)
     assert steady.P is not None
