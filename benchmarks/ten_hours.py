@@ -14,7 +14,7 @@ peak that hardly sees where the wheelset is; and an unstable one. For each hour:
 Then the adhesion bank, sample by sample and without any break, through a journey of 100 s again and again:
 from standstill to 60 m/s and back, driving and braking on dry, wet, low and very low rail. For each hour:
 
-* trace: the greatest trace of a covariance in units of the variances with which a filter starts there, and
+* trace: the greatest trace of a covariance in units of the variances with which a filter starts, and
   condition: the greatest condition number of its correlations, over the filters that are awake, looked at
   each 100 s, when the wheelset stands,
 * nan: how often something was not finite in what filters told or the bank said of a block,
@@ -153,7 +153,7 @@ def adhesion_hours(loops: int, per_hour: int) -> None:
     speed, torque, usable = said.speed[1:], said.traction_torque[1:], np.ones(2, dtype=np.bool_)
     judged, work = new_judgement(1, n, len(CONDITIONS)), new_work(n)
     for i in range(n):
-        begin_filter(design, memory, i, float(speed[-1]), float(torque[-1]))
+        begin_filter(design, memory, i, float(speed[-1]), float(torque.max()))
     first = np.sqrt(np.diagonal(memory.filters.C, axis1=1, axis2=2)).copy()
     first[:, STATES.index("s")] = bank.assumed.unknown.friction  # which may move once a filter has settled
     print(f"\n{'hour':7}{'trace':>10}{'condition':>10}{'nan':>10}{'MiB':>10}{'awake':>10}{'lost':>10}")

@@ -52,6 +52,8 @@ _FAR = 0.01
 #: What a torque leaves open over load times radius: rms on a held creep, and root of the intensity of the
 #: noise on a driving one, s^.5.
 _TORQUE_RMS, _TORQUE_NOISE = 6.25e-3, 1.25e-5
+#: Standard deviation of the logarithm of the peak adhesion that the model leaves.
+_SPREAD = 0.006
 #: How much less likely than another condition it is that the patch becomes another one.
 _OTHER_PATCH = 1e-3
 #: How likely before the data a creep past the peak and a pair of unlike rails are.
@@ -209,6 +211,7 @@ class Assumptions:
         alike = Counter(kind)
         weights = np.array([_weight(h) / alike[k] for h, k in zip(hypotheses, kind, strict=True)])
         none, may_sleep = 0.01, _in_turn(hypotheses)
+        driven = any(h.branch == "driven" for h in hypotheses)
         prior = np.append((1.0 - none) * weights / weights.sum(), none)
         return Rules(
             curves=self._curves,
@@ -221,9 +224,12 @@ class Assumptions:
             condition=np.array([names.index(self._weaker(h)) for h in hypotheses], dtype=np.int64),
             curve=self._places(hypotheses),
             load=self.wheelset.N * 2.0 * self.wheelset.r0,
-            spread=0.006,
-            doubt=0.1,
+            # Without the torque filters know the friction no better than their condition does, and each
+            # condition has a creep at which it looks like another one.
+            spread=_SPREAD if driven else math.hypot(_SPREAD, self.unknown.friction),
+            doubt=0.1 if driven else 0.01,
             width=math.log(1.6),
+            torque_known=driven,
             memory=block / 2.0,
             # Evidence of one window has no memory: nothing is hopeless.
             renewal=round(_RENEWAL / block) if self.window is None else 0,

@@ -32,7 +32,8 @@ class Rules(NamedTuple):
     `curve` (n, 2) the places of its rails in `curves`. `load` normal load times radius on both wheels, N m.
     `spread` standard deviation of the peak's logarithm that the model leaves. `doubt` greatest bound on the
     error of the condition, and greatest probability of the others, and `width` greatest logarithm of upper
-    over lower bound of the peak adhesion for which the result is trusted. `memory` share of a block in the
+    over lower bound of the peak adhesion for which the result is trusted. `torque_known`, so that the peak
+    is no less than what is used. `memory` share of a block in the
     running sum of the information. `renewal` blocks from one renewal to the next, 0: none. `stand_in` (n,)
     which filter stands in for each while it sleeps, `always` those that never sleep, and `in_turn` those
     that may, in the order in which they are tried.
@@ -51,6 +52,7 @@ class Rules(NamedTuple):
     spread: float
     doubt: float
     width: float
+    torque_known: bool
     memory: float
     renewal: int
     stand_in: Indices

@@ -25,8 +25,9 @@ __all__ = [
     "without_torque",
 ]
 
-#: Creeps over that of the peak with which filters start where nothing tells the creep.
-_CREEPS = (0.05, 0.3, 1.0, 1.7)
+#: Creeps over that of the peak with which filters start where nothing tells the creep. Near enough to each
+#: other that one of each condition finds its creep: else the nearest of another condition wins.
+_CREEPS = (0.05, 0.15, 0.3, 0.6, 1.0, 1.3, 1.7)
 #: The same past the peak, where the torque is known but no creep past the peak balances it.
 _PAST = 1.7
 #: The friction within a condition as a sum of three equally likely normal distributions: their means and

@@ -137,8 +137,8 @@ def describe(  # pragma: no cover - compiled
         used += p[i] * told[i, ON_WHEELS] / (known * rules.load)
     _regions(rules, told, v, p, said.p_region[row])
     _peaks(rules, told, v, p, peaks)
-    mu = said.mu[row]
+    mu, least = said.mu[row], abs(used) if rules.torque_known else 0.0
     mu[0] = used
     for j, level in ((1, 0.5), (2, 0.05), (3, 0.95)):
-        mu[j] = max(_quantile(p, peaks, level), abs(used))
+        mu[j] = max(_quantile(p, peaks, level), least)
     said.identifiable[row] = said.identifiable[row] and math.log(mu[3] / mu[2]) <= rules.width
