@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: Probability over the greatest below which a hypothesis says nothing of regions and peaks.
 _FAINT = 1e-5
+#: Least probability of the region for which the result is trusted where the torque is not known.
+_PLACED = 0.9
 #: Of the interval in which a quantile is sought: to 1e-4 of the peak adhesion.
 _HALVINGS = 14
 
@@ -141,4 +143,7 @@ def describe(  # pragma: no cover - compiled
     mu[0] = used
     for j, level in ((1, 0.5), (2, 0.05), (3, 0.95)):
         mu[j] = max(_quantile(p, peaks, level), least)
-    said.identifiable[row] = said.identifiable[row] and math.log(mu[3] / mu[2]) <= rules.width
+    # A creep that does not follow from the torque is an estimate like any other.
+    placed = rules.torque_known or said.p_region[row].max() >= _PLACED
+    narrow = math.log(mu[3] / mu[2]) <= rules.width
+    said.identifiable[row] = said.identifiable[row] and placed and narrow

@@ -60,10 +60,12 @@ def sections_of(study: Study, findings: Findings) -> tuple[Section, ...]:
 
 
 def _asked(study: Study, what: str) -> bool:
-    """Return whether a study asks for the class: with an imposed creep the rail is known."""
+    """Return whether a study asks for the class: the region of an imposed creep, the condition if it varies."""
     values = {name: set(values) for name, values in study.grid.items()}
     manoeuvres = values.get("manoeuvre", {study.fixed.get("manoeuvre", "steady")})
-    return ("prescribed" in manoeuvres) == (what == "region")
+    if what == "region":
+        return "prescribed" in manoeuvres
+    return "prescribed" not in manoeuvres or "condition" in study.grid
 
 
 def _accuracy(study: Study, findings: Findings, what: str, banks: Sequence[str]) -> Section:
