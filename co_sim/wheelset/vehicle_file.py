@@ -38,6 +38,12 @@ class _Unknown(BaseModel):
         min_length=1,
         description="sizes of the contact patches held possible, over the nominal one",
     )
+    friction: float = Field(
+        _USUAL.friction,
+        ge=0.0,
+        le=0.2,
+        description="standard deviation of the friction's logarithm within a condition",
+    )
     unlike_rails: bool = Field(_USUAL.unlike_rails, description="whether left and right rail may differ")
 
 
@@ -78,6 +84,7 @@ def read_vehicle(path: Path) -> Vehicle:
     scenario = _scenario(path.name, wheelset, conditions)
     rails = {name: scenario.condition(name) for name in CONDITIONS}
     unknown = Unknowns(
+        friction=said.friction,
         bias=(said.gyro_bias, said.accelerometer_bias),
         patches=said.patches,
         unlike_rails=said.unlike_rails,

@@ -60,7 +60,7 @@ def sections_of(study: Study, findings: Findings) -> tuple[Section, ...]:
 
 
 def _asked(study: Study, what: str) -> bool:
-    """Return whether a study asks for the class: the region of an imposed creep, the condition if it varies."""
+    """Return whether a study asks for the class: the region of an imposed creep, conditions that vary."""
     values = {name: set(values) for name, values in study.grid.items()}
     manoeuvres = values.get("manoeuvre", {study.fixed.get("manoeuvre", "steady")})
     if what == "region":

@@ -136,3 +136,24 @@ def test_one_wheel_on_another_rail(left: RailCondition, right: RailCondition) ->
     assert np.mean(found.p_condition[late].argmax(axis=1) == found.conditions.index("low")) > 0.9
     peaks = [CreepCurve(rail, 60.0).peak_adhesion for rail in (left, right)]
     assert np.median(found.mu_max[late]) == pytest.approx(np.mean(peaks), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("condition", "v", "creep", "told"),
+    [("wet", 40.0, 0.1, True), ("dry", 60.0, 1.0, False), ("low", 40.0, 1.0, False)],
+)
+def test_without_torque_only_what_can_be_known_is_trusted(
+    condition: str, v: float, creep: float, told: bool
+) -> None:
+    # At the peak the slope is zero on every rail: what is left cannot be told apart.
+    peak = CreepCurve(CONDITIONS[condition], v).peak_creep
+    said = record(
+        Journey(duration=4.0, speed=v, creep=creep * peak, rails=(Stretch(0.0, CONDITIONS[condition]),))
+    )
+    on_track = said.within(8e-3)
+    names = ("time", "yaw_rate", "lateral_acceleration", "speed")
+    found = AdhesionBank().run(Log(**{name: getattr(said, name)[on_track] for name in names}))
+    _, wrong = right(found, condition, 0.0, 4.0)
+    assert wrong == 0.0
+    if told:
+        assert found.identifiable[100:].mean() > 0.5

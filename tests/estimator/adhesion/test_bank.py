@@ -151,9 +151,16 @@ def test_a_gap_in_the_data_is_no_evidence_and_is_survived(bank: AdhesionBank, lo
 
 def test_without_torque_the_creeps_are_tried(bank: AdhesionBank, log: Log) -> None:
     found = bank.run(replace(log, traction_torque=None))
-    # Two creeps below the peak for three sizes of the patch, two others, on four rails.
-    assert len(found.hypotheses) == 32
+    # Four creeps below the peak for three sizes of the patch, three others, on four rails.
+    assert len(found.hypotheses) == 60
     assert np.isfinite(found.mu_max).all()
+
+
+def test_without_torque_nothing_is_learned_of_the_friction(bank: AdhesionBank, log: Log) -> None:
+    found = bank.run(replace(log, traction_torque=None))
+    ratio = np.log(found.mu_max_high / found.mu_max_low)[100:]
+    # 90 % of a normal distribution that is no narrower than that of the friction.
+    assert ratio.min() > 2.0 * 1.64 * Unknowns.friction
 
 
 def test_no_samples_leave_the_prior(bank: AdhesionBank, log: Log) -> None:
