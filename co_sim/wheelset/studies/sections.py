@@ -73,7 +73,8 @@ def _accuracy(study: Study, findings: Findings, what: str, banks: Sequence[str])
     trusted = [findings.accuracy(bank, what, findings.trusted(bank)) for bank in banks]
     n = max(overall[0].windows, 1)
     words = [
-        f"The {bank} bank is right in {share_words(all_)} of the windows of {quantity(study.window, 's')}; "
+        f"The {bank} bank has the {what} right in {share_words(all_)} of the windows of "
+        f"{quantity(study.window, 's')}; "
         f"it trusts its answer in {percent(some.windows / n)} of them and is right in {percent(some.value)} "
         f"of those."
         for bank, all_, some in zip(banks, overall, trusted, strict=True)
