@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.fuzzy import Clause, FuzzySystem, Rule, Term, Variable, infer
+from estimator.fuzzy import Clause, FuzzySystem, Rule, Tables, Term, Variable, infer
 
 if TYPE_CHECKING:
     from estimator.fuzzy import CompiledFuzzySystem
@@ -35,7 +35,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 #: What is advised, with the least score for it; from the least to the most torque.
@@ -62,14 +61,9 @@ _TINY = 1e-6
 
 
 class Advisers(NamedTuple):
-    """The system as in `infer`, its inputs (3,) and room for (rules,), (3, grid) and its outputs (3,)."""
+    """The system, its inputs (3,) and room for (rules,), (3, grid) and its outputs (3,)."""
 
-    corners: Array
-    bounds: Array
-    clauses: Indices
-    conclusions: Indices
-    shapes: Array
-    grid: Array
+    fuzzy: Tables
     x: Array
     strength: Array
     area: Array
@@ -181,11 +175,9 @@ def _compiled() -> CompiledFuzzySystem:
 
 def new_advisers() -> Advisers:
     """Return what `advice_score` needs; not to be shared between threads."""
-    system = _compiled()
-    outputs = np.empty(len(system.grid))
-    return Advisers(
-        *system.arrays, np.empty(3), np.empty(len(system.conclusions)), np.empty_like(system.grid), outputs
-    )
+    fuzzy = _compiled().tables
+    strength, area, outputs = np.empty(len(fuzzy.conclusions)), np.empty_like(fuzzy.grid), np.empty(3)
+    return Advisers(fuzzy, np.empty(3), strength, area, outputs)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -199,7 +191,7 @@ def advice_score(  # pragma: no cover - compiled
     """
     a = advisers
     a.x[0], a.x[1], a.x[2] = past, not_linear, _use(used, available)
-    infer(a.x, a.corners, a.bounds, a.clauses, a.conclusions, a.shapes, a.grid, a.strength, a.area, a.y)
+    infer(a.fuzzy, a.x, a.strength, a.area, a.y)
     return float(a.y.min())
 
 

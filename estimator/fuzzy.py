@@ -9,6 +9,7 @@ defuzzify on a grid of midpoints (a grid that includes the end points is wrong b
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,6 +22,7 @@ __all__ = [
     "CompiledFuzzySystem",
     "FuzzySystem",
     "Rule",
+    "Tables",
     "Term",
     "Variable",
     "identification_system",
@@ -121,13 +123,24 @@ class FuzzySystem:
         return CompiledFuzzySystem(self)
 
 
-class CompiledFuzzySystem:
-    """Arrays of a fuzzy system for `infer`.
+class Tables(NamedTuple):
+    """A fuzzy system as `infer` reads it.
 
-    `corners` (inputs, terms, 4), `clauses` (clauses, 4) with columns rule, input, term, negated,
-    `conclusions` (rules, 2) with columns output, term, `shapes` (outputs, terms, grid), `grid` (outputs,
-    grid).
+    `corners` (inputs, terms, 4), `bounds` (inputs, 2), `clauses` (clauses, 4) with columns rule, input, term,
+    negated, `conclusions` (rules, 2) with columns output, term, `shapes` (outputs, terms, grid), `grid`
+    (outputs, grid).
     """
+
+    corners: Array
+    bounds: Array
+    clauses: Indices
+    conclusions: Indices
+    shapes: Array
+    grid: Array
+
+
+class CompiledFuzzySystem:
+    """A fuzzy system and its tables."""
 
     def __init__(self, system: FuzzySystem) -> None:
         self.system = system
@@ -147,38 +160,38 @@ class CompiledFuzzySystem:
                 clauses.append((r, i, system.inputs[i].index(clause.term), int(clause.negated)))
             o = _position(outputs, rule.then.variable, "output", r)
             conclusions.append((o, system.outputs[o].index(rule.then.term)))
-        self.clauses: Indices = np.array(clauses, dtype=np.int64).reshape(-1, 4)
-        self.conclusions: Indices = np.array(conclusions, dtype=np.int64).reshape(-1, 2)
-        self.corners = _corners(system.inputs)
-        self.bounds = np.array([(v.low, v.high) for v in system.inputs])
-        self.grid = np.array([_midpoints(v) for v in system.outputs])
-        self.shapes = np.zeros((len(outputs), max(len(v.terms) for v in system.outputs), _GRID_POINTS))
+        grid = np.array([_midpoints(v) for v in system.outputs])
+        shapes = np.zeros((len(outputs), max(len(v.terms) for v in system.outputs), _GRID_POINTS))
         for o, variable in enumerate(system.outputs):
             for t, term in enumerate(variable.terms):
-                self.shapes[o, t] = term.membership(self.grid[o])
+                shapes[o, t] = term.membership(grid[o])
+        self.tables = Tables(
+            _corners(system.inputs),
+            np.array([(v.low, v.high) for v in system.inputs]),
+            np.array(clauses, dtype=np.int64).reshape(-1, 4),
+            np.array(conclusions, dtype=np.int64).reshape(-1, 2),
+            shapes,
+            grid,
+        )
 
     def __call__(self, x: Array) -> Array:
         """Return the crisp outputs (outputs,) for crisp inputs (inputs,)."""
         x = np.ascontiguousarray(x, dtype=np.float64)
-        if x.shape != (len(self.bounds),):
+        n = len(self.tables.bounds)
+        if x.shape != (n,):
             raise ValueError(
-                f"fuzzy system: got inputs of shape {x.shape}, expected ({len(self.bounds)},); "
+                f"fuzzy system: got inputs of shape {x.shape}, expected ({n},); "
                 f"give one number for each input variable"
             )
-        y = np.empty(len(self.grid))
+        y = np.empty(len(self.tables.grid))
         self.aggregate(x, y)
         return y
 
     def aggregate(self, x: Array, y: Array) -> Array:
         """Write the crisp outputs into `y`; return the aggregated membership (outputs, grid)."""
-        area = np.empty_like(self.grid)
-        infer(x, *self.arrays, np.empty(len(self.conclusions)), area, y)
+        area = np.empty_like(self.tables.grid)
+        infer(self.tables, x, np.empty(len(self.tables.conclusions)), area, y)
         return area
-
-    @property
-    def arrays(self) -> tuple[Array, Array, Indices, Indices, Array, Array]:
-        """The arguments of `infer` that describe the system."""
-        return self.corners, self.bounds, self.clauses, self.conclusions, self.shapes, self.grid
 
 
 def _check_names(owner: str, kind: str, names: list[str]) -> None:
@@ -219,16 +232,7 @@ def _trapezoid(x: float, a: float, b: float, c: float, d: float) -> float:  # pr
 
 @njit(cache=True, error_model="numpy")
 def infer(  # pragma: no cover - compiled
-    x: Array,
-    corners: Array,
-    bounds: Array,
-    clauses: Indices,
-    conclusions: Indices,
-    shapes: Array,
-    grid: Array,
-    strength: Array,
-    area: Array,
-    y: Array,
+    tables: Tables, x: Array, strength: Array, area: Array, y: Array
 ) -> None:
     """Infer the crisp outputs `y` (outputs,) of the inputs `x` (inputs,), clipped to their intervals.
 
@@ -236,6 +240,7 @@ def infer(  # pragma: no cover - compiled
     An output that no rule reaches takes the middle of its interval: it says "undecided", never the value of
     an earlier call.
     """
+    corners, bounds, clauses, conclusions, shapes, grid = tables
     strength[:] = 1.0
     for c in range(clauses.shape[0]):
         rule, i, t, negated = clauses[c]

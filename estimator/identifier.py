@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimator.bank import bank_step
-from estimator.fuzzy import infer
+from estimator.fuzzy import Tables, infer
 from estimator.residuals import duel, normalise, window_step
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 __all__ = ["Design", "Identification", "Identifier", "Memory", "Work", "identifier_step"]
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,18 +43,13 @@ class Identification:
 
 
 class Design(NamedTuple):
-    """What `identifier_step` reads: filters of s states, weights (m,), and the fuzzy system as in `infer`."""
+    """What `identifier_step` reads: filters of s states, weights (m,), and the fuzzy system."""
 
     F: Array
     H: Array
     K: Array
     weights: Array
-    corners: Array
-    bounds: Array
-    clauses: Indices
-    conclusions: Indices
-    shapes: Array
-    grid: Array
+    fuzzy: Tables
 
 
 class Memory(NamedTuple):
@@ -94,18 +88,7 @@ def identifier_step(  # pragma: no cover - compiled
     window_step(squares, k, memory.history, memory.front, memory.mean)
     normalise(memory.mean, E)
     duel(E, work.D)
-    infer(
-        work.D,
-        design.corners,
-        design.bounds,
-        design.clauses,
-        design.conclusions,
-        design.shapes,
-        design.grid,
-        work.strength,
-        work.area,
-        p,
-    )
+    infer(design.fuzzy, work.D, work.strength, work.area, p)
 
 
 class Identifier:
@@ -146,7 +129,7 @@ class Identifier:
     @property
     def design(self) -> Design:
         """The arrays that `identifier_step` reads."""
-        return Design(self.bank.F, self.bank.H, self.bank.K, self.weights, *self.fuzzy.arrays)
+        return Design(self.bank.F, self.bank.H, self.bank.K, self.weights, self.fuzzy.tables)
 
     def new_memory(self) -> Memory:
         """Return the memory of an identifier that has seen no sample."""
@@ -156,9 +139,13 @@ class Identifier:
     def new_work(self) -> Work:
         """Return room for a step."""
         n, _, s = self.bank.H.shape
-        n_rules = len(self.fuzzy.conclusions)
+        n_rules = len(self.fuzzy.tables.conclusions)
         return Work(
-            np.empty((n, s)), np.empty(n), np.empty(n), np.empty(n_rules), np.empty_like(self.fuzzy.grid)
+            np.empty((n, s)),
+            np.empty(n),
+            np.empty(n),
+            np.empty(n_rules),
+            np.empty_like(self.fuzzy.tables.grid),
         )
 
     def reset(self) -> None:

@@ -113,10 +113,7 @@ def _identify_rows(  # pragma: no cover - compiled
             continue
         normalise(memory.mean[:n], E[row])
         duel(E[row], work.D)
-        infer(
-            work.D, design.corners, design.bounds, design.clauses, design.conclusions, design.shapes,
-            design.grid, work.strength, work.area, p[row],
-        )  # fmt: skip
+        infer(design.fuzzy, work.D, work.strength, work.area, p[row])
         share[row] = memory.mean[n] * min(1.0, (t + 1) / memory.history.shape[0])
         row += 1
 

@@ -62,14 +62,15 @@ class IdentifierComponent(TableComponent):
         from co_sim.wheelset.steps import identification_step
 
         design, work = self._identifier.design, self._identifier.new_work()
-        self._state, self._kept = self._first_state(), (*design, *work)
+        self._state, self._kept = self._first_state(), (design, work)
         *memory, held, counters = self._state
         n, s, m = design.K.shape
+        F, H, K, weights, fuzzy = design
         sizes = [
-            n, m, s, self._identifier.window, design.corners.shape[1], len(design.clauses),
-            len(design.conclusions), *design.shapes.shape[1:],
+            n, m, s, self._identifier.window, fuzzy.corners.shape[1], len(fuzzy.clauses),
+            len(fuzzy.conclusions), *fuzzy.shapes.shape[1:],
         ]  # fmt: skip
-        arrays = (counters, held, *design, *memory, *work)
+        arrays = (counters, held, F, H, K, weights, *fuzzy, *memory, *work)
         self._attach(identification_step, [*sizes, *(int(array.ctypes.data) for array in arrays)])
 
     def exchange(self, u: Vector, y: Vector) -> None:

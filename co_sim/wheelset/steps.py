@@ -14,6 +14,7 @@ from numba import carray, cfunc, types  # type: ignore[attr-defined]
 
 from co_sim.array_functions import compiled
 from co_sim.native import STEP, caller, doubles_at, integers_at
+from estimator.fuzzy import Tables
 from estimator.identifier import Design, Memory, Work, identifier_step
 
 if TYPE_CHECKING:
@@ -119,12 +120,14 @@ def identification_step(t: float, h: float, u: int, y: int, data: int) -> int:
             carray(doubles_at(table[12]), (n, m, s)),
             carray(doubles_at(table[13]), (n, s, m)),
             carray(doubles_at(table[14]), m),
-            carray(doubles_at(table[15]), (n, n_terms, 4)),
-            carray(doubles_at(table[16]), (n, 2)),
-            carray(integers_at(table[17]), (n_clauses, 4)),
-            carray(integers_at(table[18]), (n_rules, 2)),
-            carray(doubles_at(table[19]), (n, n_shapes, n_points)),
-            carray(doubles_at(table[20]), (n, n_points)),
+            Tables(
+                carray(doubles_at(table[15]), (n, n_terms, 4)),
+                carray(doubles_at(table[16]), (n, 2)),
+                carray(integers_at(table[17]), (n_clauses, 4)),
+                carray(integers_at(table[18]), (n_rules, 2)),
+                carray(doubles_at(table[19]), (n, n_shapes, n_points)),
+                carray(doubles_at(table[20]), (n, n_points)),
+            ),
         )
         memory = Memory(
             carray(doubles_at(table[21]), (n, s)),

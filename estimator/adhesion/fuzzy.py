@@ -20,7 +20,7 @@ from estimator.adhesion.ekf import COUNT, LOG_L, SQUARE
 from estimator.adhesion.fuzzy_rules import fuzzy_system
 from estimator.adhesion.hypotheses import kinds
 from estimator.advice import Advice, Advisers, advice_score, new_advisers
-from estimator.fuzzy import infer
+from estimator.fuzzy import Tables, infer
 from estimator.residuals import window_step
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class Design(NamedTuple):
     """What `fuzzy_block` reads.
 
     Curves of the conditions, their places by filter (n, 2), mean of the friction's logarithm and one over its
-    variance (n, 2), which of m kinds each filter is of (n,), and the system as in `infer`. Filters are of one
+    variance (n, 2), which of m kinds each filter is of (n,), and the fuzzy system. Filters are of one
     kind if they differ in patch and friction alone; the best of them speaks for it.
     """
 
@@ -96,12 +96,7 @@ class Design(NamedTuple):
     curve: Indices
     friction: Array
     kind: Indices
-    corners: Array
-    bounds: Array
-    clauses: Indices
-    conclusions: Indices
-    shapes: Array
-    grid: Array
+    fuzzy: Tables
 
 
 class Memory(NamedTuple):
@@ -216,18 +211,7 @@ def fuzzy_block(  # pragma: no cover - compiled
     _sums(told, work.values)
     window_step(work.values, k, memory.history, memory.front, memory.mean)
     _see(design, memory.mean, min(k + 1, memory.history.shape[0]), told, v, work.x)
-    infer(
-        work.x,
-        design.corners,
-        design.bounds,
-        design.clauses,
-        design.conclusions,
-        design.shapes,
-        design.grid,
-        work.strength,
-        work.area,
-        work.y,
-    )
+    infer(design.fuzzy, work.x, work.strength, work.area, work.y)
     region, condition = said.region[row], said.condition[row]
     region[:] = work.y[:3]
     condition[:] = work.y[3:-1]
@@ -265,7 +249,7 @@ class FuzzyIdentifier:
         chosen, kind = np.unique(kinds(hypotheses), return_inverse=True)
         names = bank.conditions
         rails = [names[rules.condition[i]] for i in chosen]
-        self._system = fuzzy_system([hypotheses[i].name for i in chosen], rails, names).compile()
+        fuzzy = fuzzy_system([hypotheses[i].name for i in chosen], rails, names).compile().tables
         friction = bank.assumed.unknown.friction * np.array([h.friction for h in hypotheses])
         weight = np.divide(1.0, friction[:, 1] ** 2, out=np.zeros(self._n), where=friction[:, 1] > 0.0)
         self._design = Design(
@@ -273,7 +257,7 @@ class FuzzyIdentifier:
             rules.curve,
             np.column_stack((friction[:, 0], weight)),
             kind,
-            *self._system.arrays,
+            fuzzy,
         )
         self._kinds = len(chosen)
         self.reset()
@@ -285,11 +269,11 @@ class FuzzyIdentifier:
 
     def reset(self) -> None:
         """Forget all blocks."""
-        n = 3 * self._n
+        n, fuzzy = 3 * self._n, self._design.fuzzy
         self._memory = Memory(np.zeros((self._blocks, n)), np.zeros(n), np.zeros(n))
         self._work = Work(
-            np.empty(n), np.empty(3 * self._kinds), np.empty(len(self._system.conclusions)),
-            np.empty_like(self._system.grid), np.empty(len(self._system.grid)), new_advisers(),
+            np.empty(n), np.empty(3 * self._kinds), np.empty(len(fuzzy.conclusions)),
+            np.empty_like(fuzzy.grid), np.empty(len(fuzzy.grid)), new_advisers(),
         )  # fmt: skip
 
     def new_verdict(self, rows: int) -> Verdict:

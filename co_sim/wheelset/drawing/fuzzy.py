@@ -101,7 +101,7 @@ def draw_output(experiment: Experiment) -> Picture | None:
     width = (_WIDTH - 0.75 - 0.15) / len(ranked)
     for column, i in enumerate(ranked):
         ax = sheet.axes(0.7 + column * width, 0.55, width - 0.22, 1.65)
-        _draw_area(ax, experiment.fuzzy.outputs[i], fuzzy.grid[i], areas[i], float(p[i]), i)
+        _draw_area(ax, experiment.fuzzy.outputs[i], fuzzy.tables.grid[i], areas[i], float(p[i]), i)
         ax.set_title(shorten(experiment.filter_names[i]), size=9.5, color=colour(i), weight="bold", pad=5)
         ax.set_xlabel(f"{experiment.fuzzy.outputs[i].name} (%)")
         ax.set_xticks((0, 50, 100))
