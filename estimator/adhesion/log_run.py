@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from estimator.adhesion.renewal import renew, speak_for_the_sleeping
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from concurrent.futures import Future
+    from concurrent.futures import Executor, Future
 
     from estimator.adhesion.block import Design
     from estimator.adhesion.evidence import Belief, Rules
@@ -52,6 +53,38 @@ def describe_blocks(  # pragma: no cover - compiled
         describe(rules, told[k], v[k], peaks, said, since + k)
 
 
+class _Filters:
+    """The filters of a bank on their way through a log, shared by threads."""
+
+    def __init__(self, log: Log, design: Design, threads: int) -> None:
+        self.design, self.memory = design, new_memory(len(design.held))
+        self.speed = np.abs(log.speed)
+        self.torque = np.full(len(log), np.nan) if log.traction_torque is None else log.traction_torque
+        self._v_dot = rate_of(log.speed, design.h, self.memory.speed, True)
+        self._z, self._usable = log.measurements, np.asarray(log.usable)
+        self._rooms = [new_work(len(design.held)).filter for _ in range(threads)]
+
+    def advance(self, pool: Executor, since: int, until: int) -> Array:
+        """Run all that are awake over blocks; return what they tell, (blocks, n, 14)."""
+        n = len(self.design.held)
+        told = np.empty((until - since, n, N_TOLD))
+        waiting = deque(np.flatnonzero(self.memory.voice == np.arange(n)).tolist())
+
+        def run(room: Array) -> None:
+            while True:
+                try:
+                    i = waiting.pop()
+                except IndexError:
+                    return
+                run_filter(
+                    self.design, self.memory, i, self.speed, self._v_dot, self.torque, self._z,
+                    self._usable, room, told, since, until,
+                )  # fmt: skip
+
+        list(pool.map(run, self._rooms))
+        return told
+
+
 def run_over(
     log: Log,
     design: Design,
@@ -69,35 +102,25 @@ def run_over(
         (blocks, n, 14), once their rows of `said` are complete; called in order, from another thread.
     workers : threads that share the filters; None: as many as there are processors.
     """
-    n, rows = len(design.held), len(log) // design.block
-    memory, belief, log_l = new_memory(n), new_belief(rules), np.zeros(n + 1)
-    torque = np.full(len(log), np.nan) if log.traction_torque is None else log.traction_torque
-    v_dot = rate_of(log.speed, design.h, memory.speed, True)
-    speed, z, usable = np.abs(log.speed), log.measurements, np.asarray(log.usable)
-    at_end = speed[design.block - 1 :: design.block]
-    rooms = [new_work(n).filter for _ in range(n)]
-    stride = rules.renewal or _STRIDE
-
-    def run(i: int) -> None:
-        run_filter(
-            design, memory, i, speed, v_dot, torque, z, usable, rooms[i], told, since, until
-        )  # fmt: skip
+    threads = workers or os.cpu_count() or 1
+    filters, belief = _Filters(log, design, threads), new_belief(rules)
+    rows, stride, log_l = len(log) // design.block, rules.renewal or _STRIDE, np.empty(len(rules.prior))
 
     def complete(since: int, told: Array) -> None:
-        describe_blocks(rules, told, at_end[since : since + len(told)], said, since)
+        at = (np.arange(since, since + len(told)) + 1) * design.block - 1
+        describe_blocks(rules, told, filters.speed[at], said, since)
         take(since, told)
 
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool, ThreadPoolExecutor(1) as beside:
-        done: list[Future[None]] = []
+    with ThreadPoolExecutor(threads) as pool, ThreadPoolExecutor(1) as beside:
+        completed: list[Future[None]] = []
         for since in range(0, rows, stride):
             until = min(since + stride, rows)
-            told = np.empty((until - since, n, N_TOLD))
-            list(pool.map(run, np.flatnonzero(memory.voice == np.arange(n))))
-            speak_for_the_sleeping(rules, memory, told)
+            told = filters.advance(pool, since, until)
+            speak_for_the_sleeping(rules, filters.memory, told)
             weigh_blocks(rules, belief, told, log_l, said, since)
             if rules.renewal > 0 and until % rules.renewal == 0:
                 last = until * design.block - 1
-                renew(design, rules, memory, belief, speed[last], torque[last])
-            done.append(beside.submit(complete, since, told))
-        for job in done:
+                renew(design, rules, filters.memory, belief, filters.speed[last], filters.torque[last])
+            completed.append(beside.submit(complete, since, told))
+        for job in completed:
             job.result()
