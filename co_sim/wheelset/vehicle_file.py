@@ -44,6 +44,12 @@ class _Unknown(BaseModel):
         le=0.2,
         description="standard deviation of the friction's logarithm within a condition",
     )
+    vehicle: float = Field(
+        _USUAL.vehicle,
+        gt=0.0,
+        le=0.2,
+        description="standard deviation of the peak's logarithm that errors of the vehicle leave",
+    )
     unlike_rails: bool = Field(_USUAL.unlike_rails, description="whether left and right rail may differ")
 
 
@@ -85,6 +91,7 @@ def read_vehicle(path: Path) -> Vehicle:
     rails = {name: scenario.condition(name) for name in CONDITIONS}
     unknown = Unknowns(
         friction=said.friction,
+        vehicle=said.vehicle,
         bias=(said.gyro_bias, said.accelerometer_bias),
         patches=said.patches,
         unlike_rails=said.unlike_rails,

@@ -52,8 +52,6 @@ _FAR = 0.01
 #: What a torque leaves open over load times radius: rms on a held creep, and root of the intensity of the
 #: noise on a driving one, s^.5.
 _TORQUE_RMS, _TORQUE_NOISE = 6.25e-3, 1.25e-5
-#: Standard deviation of the logarithm of the peak adhesion that the model leaves.
-_SPREAD = 0.006
 #: How much less likely than another condition it is that the patch becomes another one.
 _OTHER_PATCH = 1e-3
 #: How likely before the data a creep past the peak and a pair of unlike rails are.
@@ -72,15 +70,19 @@ class Unknowns:
         in the usual hypotheses, and last when the condition changes.
     unlike_rails : whether the usual hypotheses have unlike rails under left and right wheel, where the
         torque is known.
+    vehicle : standard deviation of the peak adhesion's logarithm that errors in the parameters of the
+        wheelset leave. The default is for parameters that are known; 0.025 if they are known to 10 %.
     """
 
     friction: float = 0.05
     bias: tuple[float, float] = (1e-3, 0.05)
     patches: tuple[float, ...] = (0.93, 1.0, 1.07)
     unlike_rails: bool = True
+    vehicle: float = 0.006
 
     def __post_init__(self) -> None:
-        for name, value in (("friction", self.friction), *(("bias", value) for value in self.bias)):
+        deviations = (("friction", self.friction), ("vehicle", self.vehicle))
+        for name, value in (*deviations, *(("bias", value) for value in self.bias)):
             if not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(
                     f"unknowns: got {value!r} as standard deviation of the {name}, expected a finite "
@@ -205,7 +207,7 @@ class Assumptions:
 
     def rules(self, hypotheses: Sequence[Hypothesis]) -> Rules:
         """Return how the evidence is weighed."""
-        names = list(self.conditions)
+        names, unknown = list(self.conditions), self.unknown
         block = self.block * self.h
         kind = kinds(hypotheses)
         alike = Counter(kind)
@@ -226,7 +228,7 @@ class Assumptions:
             load=self.wheelset.N * 2.0 * self.wheelset.r0,
             # Without the torque filters know the friction no better than their condition does, and each
             # condition has a creep at which it looks like another one.
-            spread=_SPREAD if driven else math.hypot(_SPREAD, self.unknown.friction),
+            spread=unknown.vehicle if driven else math.hypot(unknown.vehicle, unknown.friction),
             doubt=0.1 if driven else 0.01,
             width=math.log(1.6),
             torque_known=driven,

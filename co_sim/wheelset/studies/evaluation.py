@@ -34,6 +34,8 @@ __all__ = ["evaluate", "function_of"]
 _EVERY = 0.01
 #: Probability from which on a bank that does not say whether it can be trusted is trusted.
 _SURE = 0.9
+#: What a vehicle whose parameters are known to 10 % leaves open of the peak adhesion, see `Unknowns`.
+_VEHICLE = 0.025
 #: Normalised innovations squared of the best linear filter above which something happens that none of them
 #: knows, such as an impact of a flange.
 _FITS = 2.0
@@ -90,13 +92,17 @@ def _adhesion(recording: Recording, trial: Trial, window: float | None) -> Answe
     from estimator.adhesion import AdhesionBank, Unknowns
 
     log = _log(recording, trial.speed_error, trial.torque_error)
-    only_friction = replace(Unknowns.none(), friction=Unknowns.friction)
+    unknown = {
+        "usual": Unknowns(),
+        "vehicle": Unknowns(vehicle=_VEHICLE),
+        "nothing": replace(Unknowns.none(), friction=Unknowns.friction),
+    }
     bank = AdhesionBank(
         noise=SensorNoise(*_noise(trial)),
         track=ERRI_B176[_track(trial)],
         h=log.h,
         window=window,
-        unknown=Unknowns() if trial.unknown == "usual" else only_friction,
+        unknown=unknown[trial.unknown],
     )
     return answer_of(bank.run(log, workers=1), log)
 

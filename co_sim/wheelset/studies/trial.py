@@ -66,10 +66,11 @@ class Trial(BaseModel):
     )
     noise: Positive = Field(1.0, description="noise of both sensors, times 1 mrad/s and .05 m/s2")
     assumed_noise: Positive | None = Field(None, description="noise that the filters assume; left out: true")
-    unknown: Literal["usual", "nothing"] = Field(
+    unknown: Literal["usual", "vehicle", "nothing"] = Field(
         "usual",
         description="what the filters hold possible besides friction: offsets of sensors and sizes of the "
-        "contact patch, as `AdhesionBank` does by default, or nothing",
+        "contact patch, as `AdhesionBank` does by default; also errors of a vehicle that is known to 10 %; or "
+        "nothing",
     )
     gyro_bias: float = Field(0.0, description="bias of the gyro, rad/s")
     accelerometer_bias: float = Field(0.0, description="bias of the accelerometer, m/s2")

@@ -243,7 +243,7 @@ def test_speed_option_and_no_torque(ride: Ride, tmp_path: Path, capsys: pytest.C
 def test_a_vehicle_of_ones_own(log: Path, tmp_path: Path) -> None:
     (tmp_path / "loco.toml").write_text(
         "m_w = 1500\n[patch]\na = 7e-3\n[conditions.dry]\nmu_0 = 0.5\n[unknown]\npatches = [1.0]\n"
-        "friction = 0.04\n",
+        "friction = 0.04\nvehicle = 0.02\n",
         encoding="utf-8",
     )
     arguments = ("--out", tmp_path / "out", "--vehicle", tmp_path / "loco.toml")
@@ -256,6 +256,7 @@ def test_a_vehicle_of_ones_own(log: Path, tmp_path: Path) -> None:
     assert vehicle["unknown"]["bias"] == [1e-3, 0.05]
     assert vehicle["unknown"]["patches"] == [1.0]
     assert vehicle["unknown"]["friction"] == 0.04
+    assert vehicle["unknown"]["vehicle"] == 0.02
 
 
 def test_every_fault_at_once_is_survived(ride: Ride, tmp_path: Path) -> None:
