@@ -81,13 +81,17 @@ class Unknowns:
     vehicle: float = 0.006
 
     def __post_init__(self) -> None:
-        deviations = (("friction", self.friction), ("vehicle", self.vehicle))
-        for name, value in (*deviations, *(("bias", value) for value in self.bias)):
+        for name, value in (("friction", self.friction), *(("bias", value) for value in self.bias)):
             if not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(
                     f"unknowns: got {value!r} as standard deviation of the {name}, expected a finite "
                     f"number >= 0; 0 is what is known"
                 )
+        if not (math.isfinite(self.vehicle) and self.vehicle > 0.0):
+            raise ValueError(
+                f"unknowns: got {self.vehicle!r} as what the vehicle leaves open of the peak, expected a "
+                f"finite number > 0; {type(self).vehicle} is for one that is known"
+            )
         if not self.patches:
             raise ValueError(
                 "unknowns: got no sizes of the contact patch, expected at least one; 1 is the usual one"

@@ -69,8 +69,8 @@ class Trial(BaseModel):
     unknown: Literal["usual", "vehicle", "nothing"] = Field(
         "usual",
         description="what the filters hold possible besides friction: offsets of sensors and sizes of the "
-        "contact patch, as `AdhesionBank` does by default; also errors of a vehicle that is known to 10 %; or "
-        "nothing",
+        "contact patch, as `AdhesionBank` does by default; vehicle: its other parameters are known to 10 % "
+        "as well; or nothing",
     )
     gyro_bias: float = Field(0.0, description="bias of the gyro, rad/s")
     accelerometer_bias: float = Field(0.0, description="bias of the accelerometer, m/s2")

@@ -163,6 +163,16 @@ def test_without_torque_nothing_is_learned_of_the_friction(bank: AdhesionBank, l
     assert ratio.min() > 2.0 * 1.64 * Unknowns.friction
 
 
+def test_a_vehicle_less_well_known_widens_the_interval_and_nothing_else(log: Log) -> None:
+    known, vague = (AdhesionBank(unknown=Unknowns(vehicle=deviation)).run(log) for deviation in (0.006, 0.03))
+    assert np.array_equal(known.p_hypothesis, vague.p_hypothesis)
+    wider = np.log(vague.mu_max_high / vague.mu_max_low) - np.log(known.mu_max_high / known.mu_max_low)
+    assert wider.min() > 0.0
+    # Where one filter is left, variances add up.
+    sure = known.p_hypothesis.max(axis=1) > 0.999
+    assert np.all(np.log(vague.mu_max_high / vague.mu_max_low)[sure] > 2.0 * 1.64 * 0.03)
+
+
 def test_no_samples_leave_the_prior(bank: AdhesionBank, log: Log) -> None:
     found = bank.run(replace(log, usable=np.zeros((T, 2), dtype=np.bool_)))
     assert not found.identifiable.any()

@@ -273,5 +273,7 @@ def test_refuses_unknowns_that_are_none() -> None:
         Unknowns(patches=())
     with pytest.raises(ValueError, match=r"got -0\.1 as standard deviation of the friction, expected a"):
         Unknowns(friction=-0.1)
+    with pytest.raises(ValueError, match=r"got 0.0 as what the vehicle leaves open of the peak"):
+        Unknowns(vehicle=0.0)
     with pytest.raises(ValueError, match=r"got nan as standard deviation of the bias"):
         Unknowns(bias=(0.0, float("nan")))
