@@ -111,7 +111,9 @@ def run_over(
         describe_blocks(rules, told, filters.speed[at], said, since)
         take(since, told)
 
-    with ThreadPoolExecutor(threads) as pool, ThreadPoolExecutor(1) as beside:
+    with ThreadPoolExecutor(threads) as pool, ThreadPoolExecutor(1) as other:
+        # Who asks for one thread has other work for the other processors.
+        beside = other if threads > 1 else pool
         completed: list[Future[None]] = []
         for since in range(0, rows, stride):
             until = min(since + stride, rows)
