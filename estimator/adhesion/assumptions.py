@@ -123,6 +123,12 @@ class Assumptions:
                 f"adhesion bank: got a step of {self.h!r} s, expected a finite value > 0 s; "
                 f"use that of the log"
             )
+        for name, value in (("dwell", self.dwell), ("window", self.window)):
+            if value is not None and not (math.isfinite(value) and value >= BLOCK):
+                raise ValueError(
+                    f"adhesion bank: got {name} = {value!r} s, expected a finite value of at least a block "
+                    f"of {BLOCK:g} s; seconds are usual"
+                )
         for side in (side for hypothesis in self.hypotheses or () for side in hypothesis.sides):
             if side not in self.conditions:
                 raise ValueError(

@@ -33,10 +33,10 @@ class Rules(NamedTuple):
     `spread` standard deviation of the peak's logarithm that the model leaves. `doubt` greatest bound on the
     error of the condition, and greatest probability of the others, and `width` greatest logarithm of upper
     over lower bound of the peak adhesion for which the result is trusted. `torque_known`, so that the peak
-    is no less than what is used. `memory` share of a block in the
-    running sum of the information. `renewal` blocks from one renewal to the next, 0: none. `stand_in` (n,)
-    which filter stands in for each while it sleeps, `always` those that never sleep, and `in_turn` those
-    that may, in the order in which they are tried.
+    is no less than what is used. `memory` share of a block in the running sum of the information. `renewal`
+    blocks from one renewal to the next, 0: none. `stand_in` (n,) which filter stands in for each while it
+    sleeps, `always` those that never sleep, and `in_turn` those that may, in the order in which they are
+    tried.
     """
 
     curves: Curves

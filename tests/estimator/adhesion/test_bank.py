@@ -197,6 +197,12 @@ def test_refuses_logs_that_do_not_fit(bank: AdhesionBank, log: Log) -> None:
 def test_refuses_what_it_cannot_be_made_of() -> None:
     with pytest.raises(ValueError, match=r"got a step of 0.0 s"):
         AdhesionBank(h=0.0)
+    with pytest.raises(ValueError, match=r"got dwell = 0.0 s, expected a finite value of at least a block"):
+        AdhesionBank(dwell=0.0)
+    with pytest.raises(ValueError, match=r"got window = 0.001 s"):
+        AdhesionBank(window=0.001)
+    with pytest.raises(ValueError, match=r"got window = 0.0 s"):
+        AdhesionBank(window=0.0)
     with pytest.raises(ValueError, match=r"sensor noise: got yaw_rate = 0.0"):
         SensorNoise(yaw_rate=0.0)
     with pytest.raises(ValueError, match=r"got the branch 'stable', expected 'driven' or 'held'"):
