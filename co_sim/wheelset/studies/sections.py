@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from co_sim.wheelset.reporting.section import Cell
     from co_sim.wheelset.studies.findings import Findings
+    from co_sim.wheelset.studies.intervals import Share
     from co_sim.wheelset.studies.study import Study
 
 __all__ = ["sections_of"]
@@ -68,17 +69,24 @@ def _asked(study: Study, what: str) -> bool:
     return "prescribed" not in manoeuvres or "condition" in study.grid
 
 
+def _trust(overall: Share, trusted: Share) -> str:
+    """Return how often a bank trusts its answer, and how often it may."""
+    if trusted.windows == 0:
+        return "it trusts none of its answers"
+    share = trusted.windows / overall.windows
+    return (
+        f"it trusts its answer in {percent(share)} of them and is right in {percent(trusted.value)} of those"
+    )
+
+
 def _accuracy(study: Study, findings: Findings, what: str, banks: Sequence[str]) -> Section:
     overall = [findings.accuracy(bank, what) for bank in banks]
     trusted = [findings.accuracy(bank, what, findings.trusted(bank)) for bank in banks]
-    n = max(overall[0].windows, 1)
     words = [
         f"The {bank} bank has the {what} right in {share_words(all_)} of the windows of "
-        f"{quantity(study.window, 's')}; "
-        f"it trusts its answer in {percent(some.windows / n)} of them and is right in {percent(some.value)} "
-        f"of those."
+        f"{quantity(study.window, 's')}; {_trust(all_, some)}."
         for bank, all_, some in zip(banks, overall, trusted, strict=True)
-        if some.windows
+        if all_.windows
     ]
     if {"adhesion", "matched"} <= set(banks):
         reached, matched = (overall[banks.index(bank)].value for bank in ("adhesion", "matched"))

@@ -270,3 +270,12 @@ def test_report_tells_failures_and_finds_its_numbers(tables):
 def test_an_incomplete_study_has_a_report(tables):
     study, _, _ = tables
     assert [section.key for section in report_on(study, [], []).sections] == ["failures"]
+
+
+def test_a_bank_that_trusts_nothing_is_not_left_out(tables):
+    study, cases, windows = tables
+    doubted = [row | {"matched.identifiable": False} for row in windows]
+    adhesion, matched = report_on(study, cases, doubted).sections[0].words[:2]
+    assert "The adhesion bank has the condition right in" in adhesion
+    assert "and is right in" in adhesion
+    assert matched.endswith("it trusts none of its answers.")
