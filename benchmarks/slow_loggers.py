@@ -2,10 +2,10 @@
 
     python benchmarks/slow_loggers.py
 
-48 rides of 11 s for each speed on the plant FMU, torque driven at 40, 60, 80 and 95 % of what each rail gives,
-friction drawn with 5 %. Every tenth (fifth, ...) sample of a ride is a log at 100 Hz (200 Hz, ...), with the
-noise of a sample as it is: nothing is filtered before. From 1 s on while the wheelset is less than 8 mm off
-the track: share of time in which the condition is right, in which it is trusted, and wrong of these.
+48 rides of 11 s for each speed on the plant FMU, torque driven at 40, 60, 80 and 95 % of what the rail
+gives, friction drawn with 5 %. Every tenth (fifth, ...) sample of a ride is a log at 100 Hz (200 Hz, ...),
+with the noise of a sample as it is: nothing is filtered before. From 1 s on while the wheelset is less than
+8 mm off the track: share of time in which the condition is right, in which it is trusted, and wrong of these.
 """
 
 from __future__ import annotations
@@ -30,10 +30,9 @@ NAMES = ("time", "yaw_rate", "lateral_acceleration", "speed", "traction_torque")
 
 def ride(condition: str, v: float, used: float, seed: int) -> Log:
     """Record a ride as far as the wheelset stays on the track."""
-    w, curve = WheelsetParameters(), CreepCurve(CONDITIONS[condition], v)
-    torque = 2.0 * w.r0 * w.N * used * curve.peak_adhesion
-    friction = np.exp(0.05 * np.random.default_rng(seed).standard_normal())
+    w, friction = WheelsetParameters(), np.exp(0.05 * np.random.default_rng(seed).standard_normal())
     rail = replace(CONDITIONS[condition], mu_0=float(friction * CONDITIONS[condition].mu_0))
+    torque = 2.0 * w.r0 * w.N * used * CreepCurve(rail, v).peak_adhesion
     said = record(
         Journey(
             duration=11.0,
