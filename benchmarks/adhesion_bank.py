@@ -95,8 +95,7 @@ def main() -> None:
     parser.add_argument("--friction", type=float, default=0.05)
     parser.add_argument("--known", action="store_true", help="offsets of the sensors and patch are known")
     options = parser.parse_args()
-    only_friction = replace(Unknowns.none(), friction=Unknowns.friction)
-    unknown = only_friction if options.known else Unknowns()
+    unknown = Unknowns.none(friction=Unknowns.friction) if options.known else Unknowns()
     windows, peaks = (1.0, 5.0), []
     banks = {window: AdhesionBank(window=window, unknown=unknown) for window in windows}
     print("condition  m/s   window s   right   worst utilisation")

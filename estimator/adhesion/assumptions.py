@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -28,12 +28,13 @@ from estimator.adhesion.hypotheses import (
 )
 from estimator.adhesion.motion import Vehicle
 from estimator.adhesion.start import Prior
-from estimator.sensor_noise import SensorNoise
-from estimator.track_spectrum import ERRI_B176, TrackSpectrum
-from fmu_wheelset.parameters import CONDITIONS, RailCondition, WheelsetParameters
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from estimator.sensor_noise import SensorNoise
+    from estimator.track_spectrum import TrackSpectrum
+    from fmu_wheelset.parameters import RailCondition, WheelsetParameters
 
 __all__ = ["BLOCK", "Assumptions", "Unknowns"]
 
@@ -98,24 +99,24 @@ class Unknowns:
             )
 
     @classmethod
-    def none(cls) -> Unknowns:
-        """Return those of one who knows all but the condition."""
-        return cls(friction=0.0, bias=(0.0, 0.0), patches=(1.0,), unlike_rails=False)
+    def none(cls, friction: float = 0.0) -> Unknowns:
+        """Return those of one who knows all but the condition, and its friction but for a deviation."""
+        return cls(friction=friction, bias=(0.0, 0.0), patches=(1.0,), unlike_rails=False)
 
 
 @dataclass(frozen=True)
 class Assumptions:
     """What a bank is told of wheelset, rails, sensors and track, as in `AdhesionBank`."""
 
-    wheelset: WheelsetParameters = field(default_factory=WheelsetParameters)
-    conditions: Mapping[str, RailCondition] = field(default_factory=lambda: CONDITIONS)
-    noise: SensorNoise = field(default_factory=SensorNoise)
-    track: TrackSpectrum = ERRI_B176["erri_low"]
-    h: float = 1e-3
-    hypotheses: tuple[Hypothesis, ...] | None = None
-    window: float | None = None
-    dwell: float = 20.0
-    unknown: Unknowns = field(default_factory=Unknowns)
+    wheelset: WheelsetParameters
+    conditions: Mapping[str, RailCondition]
+    noise: SensorNoise
+    track: TrackSpectrum
+    h: float
+    hypotheses: tuple[Hypothesis, ...] | None
+    window: float | None
+    dwell: float
+    unknown: Unknowns
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.h) and self.h > 0.0):
@@ -163,6 +164,15 @@ class Assumptions:
     def _curves(self) -> Curves:
         return curves_of(list(self._rails.values()), self.wheelset)
 
+    @property
+    def _load(self) -> float:
+        """Normal load times radius on both wheels, N m."""
+        return 2.0 * self.wheelset.r0 * self.wheelset.N
+
+    def frictions(self, hypotheses: Sequence[Hypothesis]) -> Array:
+        """Return mean and standard deviation of the friction's logarithm for each hypothesis, (n, 2)."""
+        return self.unknown.friction * np.array([h.friction for h in hypotheses])
+
     def design(self, hypotheses: Sequence[Hypothesis]) -> Design:
         """Return what the filters read."""
         w, track, noise = self.wheelset, self.track, self.noise
@@ -174,17 +184,16 @@ class Assumptions:
             k_s=w.k_s, c_s=w.c_s, k_psi=w.k_w - 2.0 * w.N * w.contact_angle * w.L_g, c_psi=w.c_w,
             k_y=w.k_y, c_y=w.c_y, k_rel=2.0 * w.N * w.contact_angle_rate, v_min=_SLOWEST,
         )  # fmt: skip
-        load = 2.0 * w.r0 * w.N
         return Design(
             car=car,
             track=Track(track.Omega_c, track.Omega_r, math.pi * track.A * track.Omega_c**2),
             noise=Noise(
                 R_yaw=noise.yaw_rate**2,
                 R_acc=noise.lateral_acceleration**2,
-                R_torque=(_TORQUE_RMS * load) ** 2,
+                R_torque=(_TORQUE_RMS * self._load) ** 2,
                 W_u=1e-8,
                 W_r=1e-8,
-                W_torque=(_TORQUE_NOISE * load) ** 2,
+                W_torque=(_TORQUE_NOISE * self._load) ** 2,
                 s_decay=1.0 / _FRICTION_TIME,
                 W_bg=1e-3 * self.unknown.bias[0] ** 2,
                 W_ba=1e-3 * self.unknown.bias[1] ** 2,
@@ -192,7 +201,7 @@ class Assumptions:
             prior=Prior(b_g=self.unknown.bias[0], b_a=self.unknown.bias[1]),
             curves=self._curves,
             rails=np.array([[rows[side, h.patch] for side in h.sides] for h in hypotheses]),
-            friction=self.unknown.friction * np.array([h.friction for h in hypotheses]),
+            friction=self.frictions(hypotheses),
             held=np.array([h.branch == "held" for h in hypotheses]),
             creep=np.array([h.creep for h in hypotheses]),
             W_creep=np.array(
@@ -210,10 +219,12 @@ class Assumptions:
 
     def _places(self, hypotheses: Sequence[Hypothesis]) -> NDArray[np.int64]:
         """Return the places (n, 2) of the rails of each hypothesis among the curves."""
-        keys = list(self._rails)
         return np.array(
-            [[keys.index((side, h.patch)) for side in h.sides] for h in hypotheses], dtype=np.int64
+            [[self._place(side, h.patch) for side in h.sides] for h in hypotheses], dtype=np.int64
         )
+
+    def _place(self, side: str, patch: float) -> int:
+        return list(self._rails).index((side, patch))
 
     def rules(self, hypotheses: Sequence[Hypothesis]) -> Rules:
         """Return how the evidence is weighed."""
@@ -222,7 +233,8 @@ class Assumptions:
         kind = kinds(hypotheses)
         alike = Counter(kind)
         weights = np.array([_weight(h) / alike[k] for h, k in zip(hypotheses, kind, strict=True)])
-        none, may_sleep = 0.01, _in_turn(hypotheses)
+        none, chosen = 0.01, stand_ins(hypotheses)
+        may_sleep = _in_turn(hypotheses, chosen)
         driven = any(h.branch == "driven" for h in hypotheses)
         prior = np.append((1.0 - none) * weights / weights.sum(), none)
         return Rules(
@@ -235,7 +247,7 @@ class Assumptions:
             window=0 if self.window is None else max(round(self.window / block), 1),
             condition=np.array([names.index(self._weaker(h)) for h in hypotheses], dtype=np.int64),
             curve=self._places(hypotheses),
-            load=self.wheelset.N * 2.0 * self.wheelset.r0,
+            load=self._load,
             # Without the torque filters know the friction no better than their condition does, and each
             # condition has a creep at which it looks like another one.
             spread=unknown.vehicle if driven else math.hypot(unknown.vehicle, unknown.friction),
@@ -245,7 +257,7 @@ class Assumptions:
             memory=block / 2.0,
             # Evidence of one window has no memory: nothing is hopeless.
             renewal=round(_RENEWAL / block) if self.window is None else 0,
-            stand_in=np.array(stand_ins(hypotheses), dtype=np.int64),
+            stand_in=np.array(chosen, dtype=np.int64),
             always=np.setdiff1d(np.arange(len(hypotheses)), may_sleep),
             in_turn=may_sleep,
         )
@@ -254,18 +266,17 @@ class Assumptions:
         """Return the condition of the rail with the lower peak."""
 
         def peak(side: str) -> float:
-            place = list(self._rails).index((side, hypothesis.patch))
+            place = self._place(side, hypothesis.patch)
             return float(self._curves.values[place, :, :, 0].mean())
 
         return min(hypothesis.sides, key=peak)
 
 
-def _in_turn(hypotheses: Sequence[Hypothesis]) -> NDArray[np.int64]:
+def _in_turn(hypotheses: Sequence[Hypothesis], chosen: Sequence[int]) -> NDArray[np.int64]:
     """Return the hypotheses that may sleep, unlike rails and all for which another one stands in.
 
     By name, so that the order of the conditions does not decide which are tried first.
     """
-    chosen = stand_ins(hypotheses)
     may_sleep = [i for i, h in enumerate(hypotheses) if h.unlike or chosen[i] != i]
     return np.array(sorted(may_sleep, key=lambda i: hypotheses[i].name), dtype=np.int64)
 

@@ -250,7 +250,7 @@ class FuzzyIdentifier:
         names = bank.conditions
         rails = [names[rules.condition[i]] for i in chosen]
         fuzzy = fuzzy_system([hypotheses[i].name for i in chosen], rails, names).compile().tables
-        friction = bank.assumed.unknown.friction * np.array([h.friction for h in hypotheses])
+        friction = bank.assumed.frictions(hypotheses)
         weight = np.divide(1.0, friction[:, 1] ** 2, out=np.zeros(self._n), where=friction[:, 1] > 0.0)
         self._design = Design(
             rules.curves,

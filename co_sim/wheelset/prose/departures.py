@@ -239,7 +239,5 @@ def _against_the_paper(experiment: Experiment, finding: Finding) -> list[Departu
 
 def _greatest_output(experiment: Experiment) -> float:
     """Return the centroid of the highest output term: what a rule that fires fully gives."""
-    fuzzy = experiment.fuzzy.compile()
-    return float(
-        max(np.sum(fuzzy.tables.grid[0] * shape) / np.sum(shape) for shape in fuzzy.tables.shapes[0])
-    )
+    fuzzy = experiment.fuzzy.compile().tables
+    return float(max(np.sum(fuzzy.grid[0] * shape) / np.sum(shape) for shape in fuzzy.shapes[0]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -95,7 +94,7 @@ def _adhesion(recording: Recording, trial: Trial, window: float | None) -> Answe
     unknown = {
         "usual": Unknowns(),
         "vehicle": Unknowns(vehicle=_VEHICLE),
-        "nothing": replace(Unknowns.none(), friction=Unknowns.friction),
+        "nothing": Unknowns.none(friction=Unknowns.friction),
     }
     bank = AdhesionBank(
         noise=SensorNoise(*_noise(trial)),
